@@ -1,0 +1,285 @@
+// Lab cell control: runs a plan from homing to verdict.
+
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+#include <cstdio>
+#include <exception>
+#include <fstream>
+#include <numbers>
+#include <thread>
+
+#include "app.h"
+#include "cell_devices.h"
+#include "gantry/acquisition/run.h"
+#include "gantry/acquisition/scan_queue.h"
+#include "gantry/foundation/file_hash.h"
+#include "gantry/fusion/fusion.h"
+#include "gantry/fusion/registration_json.h"
+#include "gantry/geometry/mesh_file.h"
+#include "inspection_step.h"
+#include "progress.h"
+
+namespace {
+
+using namespace gantry;
+
+struct RunCommand {
+  std::filesystem::path cell, plan, out;
+  std::optional<std::filesystem::path> reference, part;
+  uint64_t seed = 1;
+  bool resume = false, json = false;
+};
+
+void require(const Result<void>& result) {
+  if (!result) throw DeviceError(result.error());
+}
+
+/// The facts that make two sessions one run, recorded at the start and compared on resume.
+std::map<std::string, std::string> run_facts(const RunCommand& command, const Cell& cell) {
+  std::map<std::string, std::string> facts;
+  facts["cell sha256"] = sha256_of_file(command.cell);
+  facts["plan sha256"] = sha256_of_file(command.plan);
+  if (command.reference) facts["reference sha256"] = sha256_of_file(*command.reference);
+  facts["calibration"] = cell.calibration_id;
+  facts["software"] = "gantry " GANTRY_VERSION;
+  return facts;
+}
+
+/// Fusion on its own thread: it preprocesses and matches each scan while the stages move on.
+class FusionThread {
+ public:
+  explicit FusionThread(FusionOptions options)
+      : fusion_(std::move(options)), thread_([this] { work(); }) {}
+  ~FusionThread() {
+    queue_.close();
+    if (thread_.joinable()) thread_.join();
+  }
+
+  void push(TaggedScan scan) {
+    if (!queue_.push(std::move(scan)) && failure_) std::rethrow_exception(failure_);
+  }
+
+  FusionResult finish() {
+    queue_.close();
+    thread_.join();
+    if (failure_) std::rethrow_exception(failure_);
+    return fusion_.finish();
+  }
+
+ private:
+  void work() {
+    try {
+      while (auto scan = queue_.pop()) {
+        try {
+          fusion_.add(*scan);
+        } catch (const InputError& e) {
+          // A view that saw too little of the part is left out; the others still count.
+          spdlog::warn("left out: {}", e.what());
+        }
+      }
+    } catch (...) {
+      failure_ = std::current_exception();
+      queue_.close();
+    }
+  }
+
+  ScanQueue queue_{2};
+  Fusion fusion_;
+  std::exception_ptr failure_;
+  std::thread thread_;
+};
+
+Traceability traceability(const RunCommand& command, const Cell& cell, const Plan& plan, const CellDevices& devices,
+                          const FusionResult& fused) {
+  Traceability trace;
+  trace.title = command.reference->stem().string();
+  trace.created = utc_now();
+  trace.simulated = devices.simulated;
+  const auto with_hash = [](const std::filesystem::path& path) {
+    return path.filename().string() + ", sha256 " + sha256_of_file(path);
+  };
+  char text[160];
+  trace.entries.emplace_back("Cell", cell.name + " (" + with_hash(command.cell) + ")");
+  trace.entries.emplace_back("Plan", plan.name + " (" + with_hash(command.plan) + ")");
+  trace.entries.emplace_back("CAD model", with_hash(*command.reference));
+  trace.entries.emplace_back("Calibration", cell.calibration_id);
+  trace.entries.emplace_back("Scanner", devices.scanner->info().text());
+  for (const auto& axis : devices.motion->axes()) trace.entries.emplace_back("Drive", axis->info().text());
+  const auto kept = std::count_if(fused.edges.begin(), fused.edges.end(), [](const auto& e) { return e.kept; });
+  std::snprintf(text, sizeof text, "%zu scans, %ld of %zu pairs kept, overlap residual %.4f mm before, %.4f mm after",
+                fused.scans.size(), static_cast<long>(kept), fused.edges.size(), fused.before.rms_mm, fused.after.rms_mm);
+  trace.entries.emplace_back("Registration", text);
+  trace.entries.emplace_back("Fixture", cell.fixture.empty() ? "none given" : with_hash(cell.fixture));
+  trace.entries.emplace_back("Run folder", command.out.filename().string());
+  trace.entries.emplace_back("Software", "gantry " GANTRY_VERSION);
+  return trace;
+}
+
+ExitCode run(const RunCommand& command) {
+  install_stop_handler();
+  const Cell cell = read_cell(command.cell);
+  const Plan plan = read_plan(command.plan, cell);
+  std::optional<TriangleMesh> reference, fixture;
+  if (command.reference) reference = read_mesh(*command.reference);
+  if (!cell.fixture.empty()) fixture = read_mesh(cell.fixture);
+
+  SteadyClock clock;
+  CellDevices devices = make_devices(cell, command.part, command.seed, clock);
+  RunFolder folder(command.out, run_facts(command, cell), command.resume);
+  Progress progress(stdout_is_terminal() && !command.json);
+
+  FusionOptions fusion_options;
+  if (reference) {
+    const Eigen::AlignedBox3f bounds = reference->bounds();
+    const Eigen::Vector3d margin = Eigen::Vector3d::Constant(plan.crop_margin_mm);
+    fusion_options.preprocess.crop_part_mm =
+        Eigen::AlignedBox3d(bounds.min().cast<double>() - margin, bounds.max().cast<double>() + margin);
+  }
+  FusionThread fusion(fusion_options);
+
+  Motion& motion = *devices.motion;
+  motion.cancel_when([] { return stop_requested().load(); });
+  motion.on_progress([&](const std::vector<AxisStatus>&) { progress.axes(motion.axes()); });
+  const auto device_step = [&](const Result<void>& result) {
+    if (!result) folder.journal().add_event("fault", result.error().text());
+    if (!result) progress.clear();
+    require(result);
+  };
+  progress.stage("connecting");
+  device_step(motion.connect());
+  device_step(devices.scanner->connect());
+  progress.stage("homing");
+  device_step(motion.enable());
+  device_step(motion.home(cell.homing_order));
+
+  RunObserver observer;
+  observer.stage = [&](const std::string& stage, size_t k, size_t n) {
+    progress.stage("scan " + std::to_string(k + 1) + " of " + std::to_string(n) + ", " + stage);
+  };
+  observer.scan = [&](TaggedScan scan) { fusion.push(std::move(scan)); };
+  const Result<void> scanned = execute_plan(cell, plan, motion, *devices.scanner, folder, clock, observer);
+  if (!scanned) {
+    progress.clear();
+    spdlog::info("{} of {} scans are safe in {}; continue with --resume", folder.journal().scans().size(),
+                 plan.viewpoints.size(), command.out.string());
+    throw DeviceError(scanned.error());
+  }
+
+  progress.stage("registering");
+  const FusionResult fused = fusion.finish();
+  write_registration(command.out / "registration", fused);
+  folder.journal().add_event("registered", fused.trusted ? "trusted" : fused.reason);
+  if (!command.json) {
+    progress.clear();
+    std::printf("  registration  %zu scans, overlap residual %.4f mm by kinematics, %.4f mm registered\n",
+                fused.scans.size(), fused.before.rms_mm, fused.after.rms_mm);
+  }
+  if (!reference) {
+    std::printf("  merged        %s\n", (command.out / "registration" / "merged.ply").c_str());
+    return fused.trusted ? ExitCode::kPass : ExitCode::kUndecided;
+  }
+
+  progress.stage("inspecting");
+  InspectionOptions inspection;
+  inspection.tolerance_mm = plan.tolerance_mm;
+  inspection.fixture = std::move(fixture);
+  progress.clear();
+  const ExitCode code = inspect_and_report(fused.merged, *reference, inspection,
+                                           traceability(command, cell, plan, devices, fused),
+                                           command.out / "inspection", command.json);
+  if (!fused.trusted) {
+    spdlog::error("UNDECIDED: {}", fused.reason);
+    return ExitCode::kUndecided;
+  }
+  folder.journal().add_event("inspected", std::to_string(static_cast<int>(code)));
+  return code;
+}
+
+/// Opens the cell's axes for a short command.
+std::unique_ptr<Motion> connect_axes(const std::filesystem::path& cell_path, Clock& clock, Cell& cell) {
+  cell = read_cell(cell_path);
+  cell.scanner.kind = "genicam3d";  // not opened here, and no world is needed for it
+  CellDevices devices = make_devices(cell, std::nullopt, 1, clock);
+  if (devices.world) throw InputError(cell_path.string() + ": simulated drives live in the process that runs them; this command needs real drives or gantry-twin");
+  require(devices.motion->connect());
+  return std::move(devices.motion);
+}
+
+ExitCode status(const std::filesystem::path& cell_path, bool json) {
+  SteadyClock clock;
+  Cell cell;
+  const auto motion = connect_axes(cell_path, clock, cell);
+  nlohmann::json out = nlohmann::json::array();
+  if (!json) std::printf("  axis        position      servo  homed  moving  alarm  drive\n");
+  for (const auto& axis : motion->axes()) {
+    const DriveStatus& s = axis->status().drive;
+    const std::string alarm = s.emergency_stop ? "E-STOP" : s.alarm ? std::to_string(*s.alarm) : "-";
+    if (json) {
+      out.push_back({{"axis", axis->name()}, {"position", s.position}, {"unit", axis->kind() == AxisKind::kLinear ? "mm" : "rad"},
+                     {"servo_on", s.servo_on}, {"homed", s.homed}, {"moving", s.moving},
+                     {"alarm", s.alarm ? nlohmann::json(*s.alarm) : nlohmann::json()}, {"emergency_stop", s.emergency_stop}});
+    } else {
+      std::printf("  %-10s  %-12s  %-5s  %-5s  %-6s  %-5s  %s\n", axis->name().c_str(),
+                  s.homed ? axis->format(s.position).c_str() : "unknown", s.servo_on ? "on" : "off",
+                  s.homed ? "yes" : "no", s.moving ? "yes" : "no", alarm.c_str(), axis->info().text().c_str());
+    }
+  }
+  if (json) std::printf("%s\n", out.dump().c_str());
+  return ExitCode::kPass;
+}
+
+ExitCode home(const std::filesystem::path& cell_path) {
+  install_stop_handler();
+  SteadyClock clock;
+  Cell cell;
+  const auto motion = connect_axes(cell_path, clock, cell);
+  Progress progress(stdout_is_terminal());
+  motion->cancel_when([] { return stop_requested().load(); });
+  motion->on_progress([&](const std::vector<AxisStatus>&) { progress.axes(motion->axes()); });
+  progress.stage("homing");
+  require(motion->enable());
+  require(motion->home(cell.homing_order));
+  progress.clear();
+  std::printf("homed:");
+  for (const auto& axis : motion->axes()) std::printf(" %s", axis->name().c_str());
+  std::printf("\n");
+  return ExitCode::kPass;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  CLI::App app{
+      "Runs an inspection cell: drives the stages through a plan, scans, registers, inspects, reports.\n"
+      "Example: gantry-cell run --cell examples/cells/simulated.yaml --plan examples/plans/bracket.yaml\n"
+      "                         --reference examples/parts/bracket.stl --out runs/first"};
+  CommonOptions common;
+  add_common_options(app, common);
+  app.require_subcommand(1);
+
+  RunCommand command;
+  CLI::App* running = app.add_subcommand("run", "Execute a plan; with --reference also inspect and report");
+  running->add_option("--cell", command.cell, "CELL.yaml: axes, sensor, devices")->required();
+  running->add_option("--plan", command.plan, "PLAN.yaml: viewpoints and tolerance")->required();
+  running->add_option("--reference", command.reference, "CAD model of the part (STL, PLY, OBJ; mm)");
+  running->add_option("--out", command.out, "Run folder; must be new unless --resume")->required();
+  running->add_flag("--resume", command.resume, "Continue an interrupted run in this folder");
+  running->add_option("--sim-part", command.part, "Mesh that stands in an in-process simulated cell");
+  running->add_option("--seed", command.seed, "Seed of an in-process simulated cell")->capture_default_str();
+  running->add_flag("--json", command.json, "Print the result as JSON");
+
+  std::filesystem::path cell;
+  bool json = false;
+  CLI::App* homing = app.add_subcommand("home", "Home all axes in the order that CELL.yaml gives");
+  homing->add_option("--cell", cell, "CELL.yaml")->required();
+  CLI::App* showing = app.add_subcommand("status", "Show every axis: position, servo, homed, alarm");
+  showing->add_option("--cell", cell, "CELL.yaml")->required();
+  showing->add_flag("--json", json, "Print as JSON");
+
+  return run_app(app, argc, argv, common, [&] {
+    if (running->parsed()) return run(command);
+    if (homing->parsed()) return home(cell);
+    return status(cell, json);
+  });
+}

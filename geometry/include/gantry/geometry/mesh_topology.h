@@ -1,0 +1,25 @@
+#pragma once
+
+#include <cstddef>
+#include <string>
+
+#include "gantry/geometry/triangle_mesh.h"
+
+namespace gantry {
+
+/// What is wrong with a mesh, counted. A mesh is watertight when every edge is shared by exactly two
+/// triangles that run along it in opposite directions.
+struct MeshTopology {
+  size_t boundary_edges = 0;      ///< Edges of one triangle only: the mesh is open there.
+  size_t nonmanifold_edges = 0;   ///< Edges of three or more triangles.
+  size_t inconsistent_edges = 0;  ///< Two triangles that run the same way: one of them is flipped.
+  size_t degenerate_triangles = 0;
+
+  bool watertight() const { return boundary_edges + nonmanifold_edges + inconsistent_edges == 0; }
+  /// One line for a person: "watertight" or the counts.
+  std::string text() const;
+};
+
+MeshTopology analyse_topology(const TriangleMesh& mesh);
+
+}  // namespace gantry

@@ -1,0 +1,118 @@
+#include "gantry/geometry/mesh_file.h"
+
+#include <assimp/postprocess.h>
+#include <assimp/scene.h>
+
+#include <algorithm>
+#include <assimp/Exporter.hpp>
+#include <assimp/Importer.hpp>
+#include <cmath>
+#include <numeric>
+
+#include "gantry/foundation/error.h"
+
+namespace gantry {
+namespace {
+
+/// Joins vertices at exactly the same position (STL repeats every vertex for every triangle) and drops
+/// triangles that this collapses.
+TriangleMesh joined(const TriangleMesh& soup) {
+  std::vector<int> order(soup.vertices.size());
+  std::iota(order.begin(), order.end(), 0);
+  std::sort(order.begin(), order.end(), [&](int a, int b) {
+    const Eigen::Vector3f &p = soup.vertices[a], &q = soup.vertices[b];
+    return std::tie(p.x(), p.y(), p.z(), a) < std::tie(q.x(), q.y(), q.z(), b);
+  });
+  std::vector<int> first(soup.vertices.size());
+  for (size_t i = 0; i < order.size(); ++i) {
+    const bool same = i > 0 && soup.vertices[order[i]] == soup.vertices[order[i - 1]];
+    first[order[i]] = same ? first[order[i - 1]] : order[i];
+  }
+  TriangleMesh mesh;
+  std::vector<int> renamed(soup.vertices.size(), -1);
+  for (size_t i = 0; i < soup.vertices.size(); ++i) {
+    if (first[i] != static_cast<int>(i)) continue;
+    renamed[i] = static_cast<int>(mesh.vertices.size());
+    mesh.vertices.push_back(soup.vertices[i]);
+  }
+  for (const auto& t : soup.triangles) {
+    const Eigen::Vector3i n(renamed[first[t[0]]], renamed[first[t[1]]], renamed[first[t[2]]]);
+    if (n[0] != n[1] && n[1] != n[2] && n[2] != n[0]) mesh.triangles.push_back(n);
+  }
+  return mesh;
+}
+
+}  // namespace
+
+TriangleMesh read_mesh(const std::filesystem::path& path, double unit_mm) {
+  const std::string name = path.string();
+  if (!std::filesystem::is_regular_file(path)) throw InputError(name + ": no such file");
+  Assimp::Importer importer;
+  const aiScene* scene = nullptr;
+  try {
+    scene = importer.ReadFile(name, aiProcess_Triangulate);
+  } catch (const std::exception& e) {
+    throw InputError(name + ": not a readable mesh: " + e.what());
+  }
+  if (!scene) throw InputError(name + ": not a readable mesh: " + importer.GetErrorString());
+
+  TriangleMesh soup;
+  for (unsigned m = 0; m < scene->mNumMeshes; ++m) {
+    const aiMesh& part = *scene->mMeshes[m];
+    const int offset = static_cast<int>(soup.vertices.size());
+    for (unsigned i = 0; i < part.mNumVertices; ++i) {
+      const aiVector3D& v = part.mVertices[i];
+      if (!std::isfinite(v.x) || !std::isfinite(v.y) || !std::isfinite(v.z))
+        throw InputError(name + ": vertex " + std::to_string(i) + " has a coordinate that is not a finite number");
+      soup.vertices.push_back((Eigen::Vector3d(v.x, v.y, v.z) * unit_mm).cast<float>());
+    }
+    for (unsigned f = 0; f < part.mNumFaces; ++f) {
+      const aiFace& face = part.mFaces[f];
+      if (face.mNumIndices != 3) continue;  // points and lines that some exporters add
+      Eigen::Vector3i tri(face.mIndices[0], face.mIndices[1], face.mIndices[2]);
+      if (tri.minCoeff() < 0 || tri.maxCoeff() >= static_cast<int>(part.mNumVertices))
+        throw InputError(name + ": triangle " + std::to_string(f) + " refers to a vertex that does not exist");
+      soup.triangles.push_back(tri + Eigen::Vector3i::Constant(offset));
+    }
+  }
+  TriangleMesh mesh = joined(soup);
+  if (mesh.triangles.empty()) throw InputError(name + ": holds no triangles");
+  return mesh;
+}
+
+void write_mesh(const std::filesystem::path& path, const TriangleMesh& mesh) {
+  const std::string extension = path.extension().string();
+  if (extension != ".stl" && extension != ".ply")
+    throw InputError(path.string() + ": meshes are written as .stl or .ply");
+  aiScene scene;
+  scene.mRootNode = new aiNode();
+  scene.mNumMeshes = 1;
+  scene.mMeshes = new aiMesh* [1] { new aiMesh() };
+  scene.mRootNode->mNumMeshes = 1;
+  scene.mRootNode->mMeshes = new unsigned[1]{0};
+  scene.mNumMaterials = 1;
+  scene.mMaterials = new aiMaterial* [1] { new aiMaterial() };
+  aiMesh& out = *scene.mMeshes[0];
+  out.mPrimitiveTypes = aiPrimitiveType_TRIANGLE;
+  out.mNumVertices = static_cast<unsigned>(mesh.vertices.size());
+  out.mVertices = new aiVector3D[mesh.vertices.size()];
+  for (size_t i = 0; i < mesh.vertices.size(); ++i)
+    out.mVertices[i] = aiVector3D(mesh.vertices[i].x(), mesh.vertices[i].y(), mesh.vertices[i].z());
+  out.mNumFaces = static_cast<unsigned>(mesh.triangles.size());
+  out.mFaces = new aiFace[mesh.triangles.size()];
+  for (size_t t = 0; t < mesh.triangles.size(); ++t) {
+    out.mFaces[t].mNumIndices = 3;
+    out.mFaces[t].mIndices = new unsigned[3]{static_cast<unsigned>(mesh.triangles[t][0]),
+                                             static_cast<unsigned>(mesh.triangles[t][1]),
+                                             static_cast<unsigned>(mesh.triangles[t][2])};
+  }
+  std::filesystem::path partial = path;
+  partial += ".partial";
+  Assimp::Exporter exporter;
+  const char* format = extension == ".stl" ? "stlb" : "plyb";
+  if (exporter.Export(&scene, format, partial.string()) != AI_SUCCESS)
+    throw InputError(path.string() + ": cannot be written: " + exporter.GetErrorString());
+  std::filesystem::rename(partial, path);
+}
+
+}  // namespace gantry

@@ -1,0 +1,176 @@
+#include "gantry/geometry/ray_scene.h"
+
+#include <embree3/rtcore.h>
+
+#include <cmath>
+
+#include "gantry/foundation/error.h"
+
+namespace gantry {
+namespace {
+
+using Feature = RayScene::Feature;
+
+/// Closest point of a triangle and the feature it lies on (Ericson, Real-Time Collision Detection, 5.1.5).
+Eigen::Vector3f closest_on_triangle(const Eigen::Vector3f& p, const Eigen::Vector3f& a, const Eigen::Vector3f& b,
+                                    const Eigen::Vector3f& c, Feature& feature) {
+  const Eigen::Vector3f ab = b - a, ac = c - a, ap = p - a;
+  const float d1 = ab.dot(ap), d2 = ac.dot(ap);
+  if (d1 <= 0 && d2 <= 0) return feature = Feature::kVertex0, a;
+  const Eigen::Vector3f bp = p - b;
+  const float d3 = ab.dot(bp), d4 = ac.dot(bp);
+  if (d3 >= 0 && d4 <= d3) return feature = Feature::kVertex1, b;
+  const float vc = d1 * d4 - d3 * d2;
+  if (vc <= 0 && d1 >= 0 && d3 <= 0) return feature = Feature::kEdge01, a + d1 / (d1 - d3) * ab;
+  const Eigen::Vector3f cp = p - c;
+  const float d5 = ab.dot(cp), d6 = ac.dot(cp);
+  if (d6 >= 0 && d5 <= d6) return feature = Feature::kVertex2, c;
+  const float vb = d5 * d2 - d1 * d6;
+  if (vb <= 0 && d2 >= 0 && d6 <= 0) return feature = Feature::kEdge20, a + d2 / (d2 - d6) * ac;
+  const float va = d3 * d6 - d5 * d4;
+  if (va <= 0 && d4 - d3 >= 0 && d5 - d6 >= 0) {
+    return feature = Feature::kEdge12, b + (d4 - d3) / ((d4 - d3) + (d5 - d6)) * (c - b);
+  }
+  const float denominator = 1.0f / (va + vb + vc);
+  return feature = Feature::kFace, a + ab * (vb * denominator) + ac * (vc * denominator);
+}
+
+struct QueryState {
+  const TriangleMesh* mesh;
+  const std::vector<Eigen::Vector3f>* normals = nullptr;  // set when only facing triangles count
+  Eigen::Vector3f point;
+  Eigen::Vector3f direction = Eigen::Vector3f::Zero();
+  float min_cosine = -2.0f;
+  float best_squared;
+  RayScene::Closest best{};
+  bool found = false;
+};
+
+bool visit_triangle(RTCPointQueryFunctionArguments* args) {
+  auto& state = *static_cast<QueryState*>(args->userPtr);
+  if (state.normals && (*state.normals)[args->primID].dot(state.direction) < state.min_cosine) return false;
+  const Eigen::Vector3i& tri = state.mesh->triangles[args->primID];
+  Feature feature;
+  const Eigen::Vector3f q = closest_on_triangle(state.point, state.mesh->vertices[tri[0]], state.mesh->vertices[tri[1]],
+                                                state.mesh->vertices[tri[2]], feature);
+  const float squared = (q - state.point).squaredNorm();
+  const int id = static_cast<int>(args->primID);
+  // Ties go to the lower triangle, so that the answer does not depend on the order of the visit.
+  if (squared > state.best_squared || (state.found && squared == state.best_squared && id > state.best.triangle))
+    return false;
+  state.best_squared = squared;
+  state.best = {q, 0.0f, id, feature};
+  state.found = true;
+  args->query->radius = std::nextafter(std::sqrt(squared), 1e30f);
+  return true;
+}
+
+}  // namespace
+
+struct RayScene::Impl {
+  TriangleMesh mesh;
+  std::vector<Eigen::Vector3f> normals;
+  RTCDevice device = nullptr;
+  RTCScene scene = nullptr;
+
+  ~Impl() {
+    if (scene) rtcReleaseScene(scene);
+    if (device) rtcReleaseDevice(device);
+  }
+};
+
+RayScene::RayScene(TriangleMesh mesh) : impl_(std::make_unique<Impl>()) {
+  if (mesh.triangles.empty()) throw InputError("a mesh without triangles cannot be used for ray casting");
+  impl_->mesh = std::move(mesh);
+  const TriangleMesh& m = impl_->mesh;
+  impl_->normals.resize(m.triangles.size());
+  for (size_t t = 0; t < m.triangles.size(); ++t) impl_->normals[t] = m.normal(t);
+
+  impl_->device = rtcNewDevice(nullptr);
+  impl_->scene = rtcNewScene(impl_->device);
+  rtcSetSceneFlags(impl_->scene, RTC_SCENE_FLAG_ROBUST);
+  RTCGeometry geometry = rtcNewGeometry(impl_->device, RTC_GEOMETRY_TYPE_TRIANGLE);
+  auto* vertices = static_cast<float*>(rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3,
+                                                               3 * sizeof(float), m.vertices.size()));
+  for (size_t i = 0; i < m.vertices.size(); ++i) Eigen::Map<Eigen::Vector3f>(vertices + 3 * i) = m.vertices[i];
+  auto* indices = static_cast<unsigned*>(rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3,
+                                                                 3 * sizeof(unsigned), m.triangles.size()));
+  for (size_t t = 0; t < m.triangles.size(); ++t)
+    for (int k = 0; k < 3; ++k) indices[3 * t + k] = static_cast<unsigned>(m.triangles[t][k]);
+  rtcCommitGeometry(geometry);
+  rtcAttachGeometry(impl_->scene, geometry);
+  rtcReleaseGeometry(geometry);
+  rtcCommitScene(impl_->scene);
+}
+
+RayScene::~RayScene() = default;
+RayScene::RayScene(RayScene&&) noexcept = default;
+RayScene& RayScene::operator=(RayScene&&) noexcept = default;
+
+const TriangleMesh& RayScene::mesh() const { return impl_->mesh; }
+
+std::optional<RayScene::Hit> RayScene::cast(const Eigen::Vector3f& origin, const Eigen::Vector3f& direction,
+                                            float max_distance) const {
+  RTCRayHit query{};
+  query.ray.org_x = origin.x();
+  query.ray.org_y = origin.y();
+  query.ray.org_z = origin.z();
+  query.ray.dir_x = direction.x();
+  query.ray.dir_y = direction.y();
+  query.ray.dir_z = direction.z();
+  query.ray.tnear = 0;
+  query.ray.tfar = max_distance;
+  query.ray.mask = 0xFFFFFFFF;  // Debian builds Embree with ray masks on: without this every ray misses
+  query.hit.geomID = RTC_INVALID_GEOMETRY_ID;
+  RTCIntersectContext context;
+  rtcInitIntersectContext(&context);
+  rtcIntersect1(impl_->scene, &context, &query);
+  if (query.hit.geomID == RTC_INVALID_GEOMETRY_ID) return std::nullopt;
+  return Hit{query.ray.tfar, static_cast<int>(query.hit.primID), query.hit.u, query.hit.v};
+}
+
+bool RayScene::occluded(const Eigen::Vector3f& from, const Eigen::Vector3f& to) const {
+  RTCRay ray{};
+  const Eigen::Vector3f direction = to - from;
+  ray.org_x = from.x();
+  ray.org_y = from.y();
+  ray.org_z = from.z();
+  ray.dir_x = direction.x();
+  ray.dir_y = direction.y();
+  ray.dir_z = direction.z();
+  ray.tnear = 1e-4f;
+  ray.tfar = 1 - 1e-4f;
+  ray.mask = 0xFFFFFFFF;
+  RTCIntersectContext context;
+  rtcInitIntersectContext(&context);
+  rtcOccluded1(impl_->scene, &context, &ray);
+  return ray.tfar < 0;
+}
+
+std::optional<RayScene::Closest> RayScene::closest(const Eigen::Vector3f& point, float max_distance) const {
+  return closest_facing(point, max_distance, Eigen::Vector3f::Zero(), -2.0f);
+}
+
+std::optional<RayScene::Closest> RayScene::closest_facing(const Eigen::Vector3f& point, float max_distance,
+                                                          const Eigen::Vector3f& direction, float min_cosine) const {
+  QueryState state;
+  state.mesh = &impl_->mesh;
+  if (min_cosine > -1.0f) state.normals = &impl_->normals;
+  state.point = point;
+  state.direction = direction;
+  state.min_cosine = min_cosine;
+  state.best_squared = max_distance * max_distance;
+  RTCPointQuery query{};
+  query.x = point.x();
+  query.y = point.y();
+  query.z = point.z();
+  query.radius = max_distance;
+  RTCPointQueryContext context;
+  rtcInitPointQueryContext(&context);
+  rtcPointQuery(impl_->scene, &query, &context, visit_triangle, &state);
+  if (!state.found) return std::nullopt;
+  state.best.distance = std::sqrt(state.best_squared);
+  return state.best;
+}
+
+}  // namespace gantry

@@ -1,0 +1,176 @@
+#include "gantry/inspection/inspection.h"
+
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <limits>
+
+#include "defects.h"
+#include "gantry/foundation/error.h"
+#include "local_surface.h"
+#include "surface_coverage.h"
+
+namespace gantry {
+namespace {
+
+constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
+
+void validate(const PointCloud& cloud, const InspectionOptions& o) {
+  const auto require = [](bool ok, const std::string& what) {
+    if (!ok) throw InputError("inspection: " + what);
+  };
+  require(!cloud.points.empty(), "the cloud holds no points");
+  require(o.tolerance_mm > 0, "the tolerance must be positive");
+  require(o.max_distance_mm > o.tolerance_mm, "the largest distance must exceed the tolerance");
+  require(o.averaging_radius_mm >= 0, "the averaging radius must not be negative");
+  require(o.link_distance_mm > 0, "the linking distance must be positive");
+  require(o.min_coverage >= 0 && o.min_coverage <= 1, "the least coverage is a fraction from 0 to 1");
+}
+
+PointCloud transformed(const PointCloud& cloud, const Pose& pose) {
+  PointCloud out = cloud;
+  tbb::parallel_for(size_t{0}, out.size(), [&](size_t i) {
+    out.points[i] = (pose * cloud.points[i].cast<double>()).cast<float>();
+    if (cloud.has_normals()) out.normals[i] = (pose.linear() * cloud.normals[i].cast<double>()).cast<float>();
+  });
+  return out;
+}
+
+/// Each point's distance to the fixture, infinite where there is none near.
+std::vector<float> fixture_distances(const PointCloud& cloud, const InspectionOptions& options) {
+  std::vector<float> distances(cloud.size(), std::numeric_limits<float>::infinity());
+  if (!options.fixture) return distances;
+  const RayScene fixture(*options.fixture);
+  const auto reach = static_cast<float>(options.max_distance_mm + options.fixture_margin_mm);
+  tbb::parallel_for(size_t{0}, cloud.size(), [&](size_t i) {
+    if (const auto closest = fixture.closest(cloud.points[i], reach)) distances[i] = closest->distance;
+  });
+  return distances;
+}
+
+DeviationStatistics statistics_of(std::vector<float> values, double tolerance_mm) {
+  DeviationStatistics s;
+  std::erase_if(values, [](float v) { return !std::isfinite(v); });
+  s.count = values.size();
+  if (values.empty()) return s;
+  std::sort(values.begin(), values.end());
+  double sum = 0, squares = 0;
+  size_t within = 0;
+  for (float v : values) {
+    sum += v;
+    squares += static_cast<double>(v) * v;
+    within += std::abs(v) <= tolerance_mm;
+  }
+  const double n = static_cast<double>(values.size());
+  s.mean = sum / n;
+  s.rms = std::sqrt(squares / n);
+  s.sigma = std::sqrt(std::max(0.0, squares / n - s.mean * s.mean));
+  s.min = values.front();
+  s.max = values.back();
+  const auto percentile = [&](double p) { return values[static_cast<size_t>(p * (n - 1))]; };
+  s.p05 = percentile(0.05);
+  s.p50 = percentile(0.50);
+  s.p95 = percentile(0.95);
+  s.within_tolerance = static_cast<double>(within) / n;
+  return s;
+}
+
+void decide(InspectionResult& result, const InspectionOptions& options) {
+  char text[200];
+  const auto certain = std::count_if(result.defects.begin(), result.defects.end(), [](const Defect& d) { return d.certain; });
+  if (certain > 0) {
+    result.verdict = Verdict::kFail;
+    std::snprintf(text, sizeof text, "%ld %s out of tolerance (+-%.3f mm); the largest deviates by %+.3f mm.",
+                  static_cast<long>(certain), certain == 1 ? "region is" : "regions are", options.tolerance_mm,
+                  result.defects.front().peak_mm);
+  } else if (options.align && !result.alignment.converged) {
+    result.verdict = Verdict::kUndecided;
+    std::snprintf(text, sizeof text, "The alignment to the CAD model did not converge.");
+  } else if (result.coverage < options.min_coverage) {
+    result.verdict = Verdict::kUndecided;
+    std::snprintf(text, sizeof text, "Only %.0f %% of the CAD surface was seen; at least %.0f %% is asked for.",
+                  100 * result.coverage, 100 * options.min_coverage);
+  } else if (!result.defects.empty()) {
+    result.verdict = Verdict::kUndecided;
+    std::snprintf(text, sizeof text, "%zu region(s) exceed the tolerance (+-%.3f mm) by less than the uncertainty.",
+                  result.defects.size(), options.tolerance_mm);
+  } else {
+    result.verdict = Verdict::kPass;
+    std::snprintf(text, sizeof text, "All of the inspected surface (%.0f %% of the CAD surface) is within +-%.3f mm.",
+                  100 * result.coverage, options.tolerance_mm);
+  }
+  result.reason = text;
+}
+
+}  // namespace
+
+std::string_view to_string(Verdict verdict) {
+  switch (verdict) {
+    case Verdict::kPass: return "PASS";
+    case Verdict::kFail: return "FAIL";
+    case Verdict::kUndecided: return "UNDECIDED";
+  }
+  return "UNDECIDED";
+}
+
+InspectionResult inspect(const PointCloud& cloud, const SignedDistance& reference, const InspectionOptions& options) {
+  validate(cloud, options);
+  InspectionResult result;
+  const std::vector<float> to_fixture = fixture_distances(cloud, options);
+
+  if (options.align) {
+    PointCloud free;  // of the fixture
+    for (size_t i = 0; i < cloud.size(); ++i) {
+      if (to_fixture[i] < options.fixture_margin_mm) continue;
+      free.points.push_back(cloud.points[i]);
+      if (cloud.has_normals()) free.normals.push_back(cloud.normals[i]);
+    }
+    result.alignment = align_to_model(free, reference, options.alignment);
+  } else {
+    result.alignment.converged = true;
+  }
+  result.cloud = transformed(cloud, result.alignment.cad_from_cloud);
+
+  const size_t n = cloud.size();
+  const internal::LocalSurface surface = internal::fit_local_surface(result.cloud, options.averaging_radius_mm);
+  result.deviation_mm.assign(n, kNaN);
+  result.uncertainty_mm.assign(n, kNaN);
+  result.point_class.assign(n, PointClass::kFar);
+  std::vector<Eigen::Vector3f> foot(n), foot_normal(n);
+  const auto min_cosine = static_cast<float>(std::cos(options.max_angle_rad));
+  const auto reach = static_cast<float>(options.max_distance_mm);
+  tbb::parallel_for(size_t{0}, n, [&](size_t i) {
+    const Eigen::Vector3f& p = surface.points[i];
+    const auto value = cloud.has_normals() ? reference(p, result.cloud.normals[i], min_cosine, reach) : reference(p, reach);
+    const float distance = value ? std::abs(value->distance) : std::numeric_limits<float>::infinity();
+    if (to_fixture[i] < std::max(static_cast<float>(options.fixture_margin_mm), distance) &&
+        std::isfinite(to_fixture[i])) {
+      result.point_class[i] = PointClass::kFixture;
+    } else if (value && surface.supported[i]) {
+      result.point_class[i] = PointClass::kJudged;
+      result.deviation_mm[i] = value->distance;
+      Vector6d j;
+      j << value->closest.cast<double>().cross(value->normal.cast<double>()), value->normal.cast<double>();
+      const double systematic = options.systematic_sigma_mm * options.systematic_sigma_mm + j.dot(result.alignment.covariance * j);
+      result.uncertainty_mm[i] = static_cast<float>(std::sqrt(surface.sigma_mm[i] * surface.sigma_mm[i] + systematic));
+      foot[i] = value->closest;
+      foot_normal[i] = reference.scene().mesh().normal(value->triangle);
+    }
+  });
+  PointCloud feet;  // where the judged points stand on the CAD surface
+  for (size_t i = 0; i < n; ++i) {
+    if (result.point_class[i] != PointClass::kJudged) continue;
+    feet.points.push_back(foot[i]);
+    feet.normals.push_back(foot_normal[i]);
+  }
+
+  result.statistics = statistics_of(result.deviation_mm, options.tolerance_mm);
+  result.coverage = internal::surface_coverage(reference.scene().mesh(), feet, 1.0);
+  internal::find_defects(result, options);
+  decide(result, options);
+  return result;
+}
+
+}  // namespace gantry

@@ -1,0 +1,281 @@
+#include "report/page.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "report/charts.h"
+#include "report/page_style.h"
+#include "report/text.h"
+
+namespace gantry::report {
+namespace {
+
+constexpr size_t kMostDefectRows = 100;
+
+/// Cut, not rounded: 100 % means all.
+std::string percent(double fraction) {
+  return fixed(std::floor(fraction * 1e4 + 1e-6) / 100, 2) + "\u202f%";
+}
+
+std::string mm(double value, int decimals = 3) {
+  return fixed(value, decimals) + "\u202fmm";
+}
+std::string signed_mm(double value) {
+  return with_sign(value, 3) + "\u202fmm";
+}
+
+std::string row(const std::string& name, const std::string& value, const std::string& style = "n") {
+  return "<tr><th scope=\"row\">" + name + "</th><td class=\"" + style + "\">" + value + "</td></tr>\n";
+}
+
+size_t count_of(const InspectionResult& result, PointClass point_class) {
+  return static_cast<size_t>(std::count(result.point_class.begin(), result.point_class.end(), point_class));
+}
+
+/// "2026-05-04T10:20:30Z" with a space instead of the T.
+std::string date_text(std::string created) {
+  if (created.size() > 10 && created[10] == 'T') created[10] = ' ';
+  return escaped(created);
+}
+
+std::string title_of(const PageContent& c) {
+  return c.traceability.title.empty() ? std::string("Untitled part") : c.traceability.title;
+}
+
+std::string heading(const PageContent& c) {
+  return "<header><div><div class=\"kicker\">Dimensional inspection report</div><h1>" + escaped(title_of(c)) +
+         "</h1></div><div class=\"date\">" +
+         (c.traceability.simulated
+              ? "<span class=\"simulated\">SIMULATED</span><br>no real part was measured<br>"
+              : std::string()) +
+         "<time>" + date_text(c.traceability.created) + "</time></div></header>\n";
+}
+
+std::string verdict(const PageContent& c) {
+  std::string style, icon;
+  switch (c.result.verdict) {
+    case Verdict::kPass:
+      style = "pass", icon = "<path d=\"M10 20l7 7 13-15\"/>";
+      break;
+    case Verdict::kFail:
+      style = "fail", icon = "<path d=\"M12 12l16 16M28 12L12 28\"/>";
+      break;
+    case Verdict::kUndecided:
+      style = "undecided";
+      icon = "<path d=\"M14.5 15.5a5.5 5.5 0 1 1 8.3 4.7c-2 1.2-2.8 2-2.8 4\"/><path d=\"M20 29v.1\"/>";
+      break;
+  }
+  return "<section class=\"verdict card " + style +
+         "\"><div class=\"badge-box\"><svg viewBox=\"0 0 40 40\" aria-hidden=\"true\">" +
+         "<circle cx=\"20\" cy=\"20\" r=\"17.5\"/>" + icon + "</svg>" +
+         std::string(to_string(c.result.verdict)) + "</div><div class=\"reason\">" +
+         escaped(c.result.reason) + "</div></section>\n";
+}
+
+std::string figures(const PageContent& c) {
+  const DeviationStatistics& s = c.result.statistics;
+  const bool any = s.count > 0;
+  const auto certain = std::count_if(c.result.defects.begin(), c.result.defects.end(),
+                                     [](const Defect& d) { return d.certain; });
+  const auto figure = [](const std::string& name, const std::string& value, const std::string& note) {
+    return "<div><span>" + name + "</span><b>" + value + "</b><span>" + note + "</span></div>";
+  };
+  return "<section class=\"figures card\">" +
+         figure("Tolerance", "\u00b1" + mm(c.options.tolerance_mm), "on the CAD surface") +
+         figure("Within tolerance", any ? percent(s.within_tolerance) : "\u2013",
+                "of " + grouped(s.count) + " points") +
+         figure("Mean \u00b1 \u03c3", any ? with_sign(s.mean, 3) + " \u00b1 " + fixed(s.sigma, 3) : "\u2013",
+                "mm, all judged points") +
+         figure("Surface seen", percent(c.result.coverage), "of the CAD model") +
+         figure("Defects", std::to_string(c.result.defects.size()),
+                c.result.defects.empty() ? "none out of tolerance" : std::to_string(certain) + " certain") +
+         "</section>\n";
+}
+
+std::string deviation_views(const PageContent& c, const ColourScale& colours) {
+  std::string html =
+      "<section><h2>Deviation from the CAD model</h2><p class=\"lead\">The CAD surface in the colours of the "
+      "measured "
+      "deviation. Numbers lead to the defects listed below.</p>\n<div class=\"scale card\">" +
+      legend_svg(colours) +
+      "<div class=\"keys\"><div><span class=\"swatch\" style=\"background:" + hex(kUnseenColour) +
+      "\"></span><span>not seen: no judged point within " + mm(c.seen_reach_mm, 1) +
+      "</span></div><div><span class=\"swatch outline\"></span><span>outline of a "
+      "defect</span></div></div></div>\n"
+      "<div class=\"views\">";
+  for (size_t i = 0; i < c.overviews.size(); ++i)
+    html += "<figure class=\"card\"><figcaption>" + escaped(c.overviews[i].name) + "</figcaption>" +
+            picture_svg(c.overviews[i], "view-" + std::to_string(i + 1)) + "</figure>\n";
+  return html + "</div></section>\n";
+}
+
+std::string vector_text(const Eigen::Vector3d& v) {
+  return fixed(v.x(), 1) + "&ensp;" + fixed(v.y(), 1) + "&ensp;" + fixed(v.z(), 1);
+}
+
+std::string certainty_chip(const Defect& d) {
+  return d.certain ? "<span class=\"chip yes\">certain</span>" : "<span class=\"chip no\">within U</span>";
+}
+
+std::string defect_table(const PageContent& c) {
+  const auto& defects = c.result.defects;
+  std::string html = "<section><h2>Defects</h2>";
+  if (defects.empty())
+    return html + "<div class=\"none card\">" +
+           (c.result.statistics.count > 0 ? "No region of the judged surface is out of tolerance."
+                                          : "No point was judged, so no defect could be found.") +
+           "</div></section>\n";
+  html +=
+      "<p class=\"lead\">Connected regions out of tolerance, largest deviation first. Positions in the frame "
+      "of the CAD "
+      "model.</p>\n<div class=\"defects card\"><table><thead><tr><th class=\"n\">No.</th><th "
+      "class=\"n\">Peak \u00b1 U<br>mm</th>"
+      "<th class=\"n\">Mean<br>mm</th><th class=\"n\">Area<br>mm\u00b2</th><th class=\"n\">Peak at "
+      "x&ensp;y&ensp;z<br>mm</th>"
+      "<th class=\"n\">Centre x&ensp;y&ensp;z<br>mm</th><th class=\"n\">Extent x&ensp;y&ensp;z<br>mm</th>"
+      "<th class=\"n\">Points</th><th>Certainty</th></tr></thead><tbody>\n";
+  for (size_t i = 0; i < std::min(defects.size(), kMostDefectRows); ++i) {
+    const Defect& d = defects[i];
+    const auto cell = [](const std::string& text) { return "<td class=\"n\">" + text + "</td>"; };
+    html += "<tr id=\"defect-" + std::to_string(d.id) + "\"><td class=\"n no\">" + std::to_string(d.id) +
+            "</td>" + cell("<b>" + with_sign(d.peak_mm, 3) + "</b> \u00b1 " + fixed(d.uncertainty_mm, 3)) +
+            cell(with_sign(d.mean_mm, 3)) + cell(fixed(d.area_mm2, d.area_mm2 < 100 ? 1 : 0)) +
+            cell(vector_text(d.peak_at_mm)) + cell(vector_text(d.centre_mm)) +
+            cell(vector_text(d.extent_mm)) + cell(grouped(d.points)) + "<td>" + certainty_chip(d) +
+            "</td></tr>\n";
+  }
+  html += "</tbody></table></div>\n";
+  if (defects.size() > kMostDefectRows)
+    html += "<p class=\"lead\">" + std::to_string(defects.size() - kMostDefectRows) +
+            " smaller ones are listed in report.json only.</p>\n";
+  html += "<div class=\"close-ups\">";
+  for (size_t i = 0; i < c.close_ups.size(); ++i)
+    html += "<figure class=\"card\"><figcaption><b>" + escaped(c.close_ups[i].name) + "</b><span>" +
+            signed_mm(defects[i].peak_mm) + "</span></figcaption>" +
+            picture_svg(c.close_ups[i], "close-up-" + std::to_string(defects[i].id)) + "</figure>\n";
+  html += "</div>\n";
+  if (defects.size() > c.close_ups.size())
+    html += "<p class=\"lead\">Pictures of the " + std::to_string(c.close_ups.size()) + " largest of " +
+            std::to_string(defects.size()) + " defects.</p>\n";
+  return html + "</section>\n";
+}
+
+std::string distribution_section(const PageContent& c, const ColourScale& colours) {
+  const DeviationStatistics& s = c.result.statistics;
+  const Distribution d = distribution(c.result);
+  std::string html = "<section><h2>Distribution of the deviations</h2><p class=\"lead\">";
+  if (s.count > 0) {
+    html += "Dashed: Gaussian of all judged points, mean " + signed_mm(s.mean) + ", σ " + mm(s.sigma) +
+            ". Solid: Gaussian of their bulk, median " + signed_mm(d.bulk.mean_mm) + ", robust σ " +
+            mm(d.bulk.sigma_mm) + ", which defects hardly move.";
+  } else {
+    html += "No point was judged.";
+  }
+  html +=
+      "</p>\n<div class=\"pair\"><div class=\"panel card\"><h3>Linear counts: how good the surface is</h3>" +
+      histogram_svg(d, colours, CountAxis::kLinear) +
+      "</div><div class=\"panel card\"><h3>Logarithmic counts: the few points of a defect</h3>" +
+      histogram_svg(d, colours, CountAxis::kLogarithmic) + "</div></div>\n";
+
+  const auto value = [&](double v) { return s.count > 0 ? signed_mm(v) : std::string("\u2013"); };
+  const auto size = [&](double v) { return s.count > 0 ? mm(v) : std::string("\u2013"); };
+  html +=
+      "<div class=\"pair\"><div class=\"panel card\"><h3>Statistics of the judged points</h3><table><tbody>" +
+      row("Mean", value(s.mean)) + row("Standard deviation \u03c3", size(s.sigma)) +
+      row("Root mean square", size(s.rms)) +
+      row("Least \u2026 greatest", value(s.min) + " \u2026 " + value(s.max)) +
+      row("5th, 50th, 95th percentile", value(s.p05) + "&ensp;" + value(s.p50) + "&ensp;" + value(s.p95)) +
+      row("Within tolerance", s.count > 0 ? percent(s.within_tolerance) : "\u2013") +
+      row("Points judged", grouped(count_of(c.result, PointClass::kJudged))) +
+      row("Points not judged: fixture", grouped(count_of(c.result, PointClass::kFixture))) +
+      row("Points not judged: far from the part", grouped(count_of(c.result, PointClass::kFar))) +
+      "</tbody></table></div>\n";
+
+  const AlignmentResult& a = c.result.alignment;
+  html += "<div class=\"panel card\"><h3>Alignment to the CAD model</h3><table><tbody>";
+  if (c.options.align) {
+    const Eigen::Vector3d angle = rotation_log(a.cad_from_cloud.linear()) * 180 / std::numbers::pi;
+    const Eigen::Vector3d move = a.cad_from_cloud.translation();
+    const auto deviation = [&](int i) { return std::sqrt(std::max(0.0, a.covariance(i, i))); };
+    const auto three = [](const Eigen::Vector3d& v) {
+      return with_sign(v.x(), 3) + "&ensp;" + with_sign(v.y(), 3) + "&ensp;" + with_sign(v.z(), 3);
+    };
+    const auto three_sizes = [](double x, double y, double z, int decimals) {
+      return fixed(x, decimals) + "&ensp;" + fixed(y, decimals) + "&ensp;" + fixed(z, decimals);
+    };
+    html += row("Method", "robust best fit") +
+            row("Converged", a.converged ? "yes, " + std::to_string(a.iterations) + " iterations" : "no") +
+            row("Residual before \u2192 after (rms)", mm(a.rms_before_mm) + " \u2192 " + mm(a.rms_after_mm)) +
+            row("Inliers", percent(a.inlier_fraction)) + row("Translation x y z", three(move) + "\u202fmm") +
+            row("Its standard uncertainty",
+                three_sizes(deviation(3), deviation(4), deviation(5), 4) + "\u202fmm") +
+            row("Rotation vector x y z", three(angle) + "\u202f\u00b0") +
+            row("Its standard uncertainty",
+                three_sizes(deviation(0) * 180 / std::numbers::pi, deviation(1) * 180 / std::numbers::pi,
+                            deviation(2) * 180 / std::numbers::pi, 4) +
+                    "\u202f\u00b0");
+  } else {
+    html += row("Method", "none: the cloud is taken as it stands");
+  }
+  return html + "</tbody></table></div></div></section>\n";
+}
+
+std::string traceability(const PageContent& c) {
+  std::string html =
+      "<section><h2>Traceability</h2><div class=\"panel card\" style=\"margin-top:14px\"><table><tbody>" +
+      row("Part", escaped(title_of(c)), "text") + row("Created", date_text(c.traceability.created), "text") +
+      row("Measurement", c.traceability.simulated ? "simulated: no real part was measured" : "real", "text");
+  for (const auto& [name, value] : c.traceability.entries) html += row(escaped(name), escaped(value), "text");
+  return html + "</tbody></table></div></section>\n";
+}
+
+std::string notes(const PageContent& c) {
+  const InspectionOptions& o = c.options;
+  std::string html = "<section><h2>How to read this report</h2><div class=\"notes card\">";
+  html +=
+      "<p><b>Sign.</b> A deviation is the signed distance of the measured surface from the CAD surface, "
+      "along its normal. "
+      "Positive, towards red: too much material. Negative, towards blue: material is missing. Green: as "
+      "designed.</p>";
+  html += "<p><b>Averaging.</b> The deviation of a point is the mean over the surface within " +
+          mm(o.averaging_radius_mm, 2) +
+          " of it, which keeps sensor noise out of the verdict. Smaller features are flattened by it.</p>";
+  html += "<p><b>Tolerance and verdict.</b> Deviations within \u00b1" + mm(o.tolerance_mm) +
+          " are good. A connected region beyond it of at least " + fixed(o.min_defect_area_mm2, 1) +
+          "\u202fmm\u00b2 is a defect. It is certain when its peak exceeds the tolerance by more than its "
+          "expanded "
+          "uncertainty U (95\u202f%). Where that cannot be told, or when less than " +
+          percent(o.min_coverage) + " of the surface was seen, the verdict is UNDECIDED.</p>";
+  html += "<p><b>What is not judged.</b> " + grouped(count_of(c.result, PointClass::kFixture)) +
+          " points belong to the fixture or lie too close to it to tell; " +
+          grouped(count_of(c.result, PointClass::kFar)) + " lie further than " + mm(o.max_distance_mm, 1) +
+          " from any surface of the part. Surface drawn grey was not seen: nothing is claimed about it.</p>";
+  html +=
+      "<p><b>Pictures.</b> Deviations are drawn on the CAD surface, and colours end at twice the tolerance. "
+      "Measured "
+      "material where the CAD model has none, such as a hole that was not drilled, is drawn where it was "
+      "measured. Close-ups look straight at the defect; what stands before it is cut away, and the cut is "
+      "dark grey.</p>";
+  html +=
+      "<p><b>Data.</b> report.json holds the numbers of this page; deviations.ply holds every measured point "
+      "in the frame "
+      "of the CAD model with its deviation, its standard uncertainty and the number of its defect.</p>";
+  return html + "</div></section>\n";
+}
+
+}  // namespace
+
+std::string page(const PageContent& c) {
+  const ColourScale colours(c.options.tolerance_mm);
+  return "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n"
+         "<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<title>" +
+         std::string(to_string(c.result.verdict)) + " \u00b7 " + escaped(title_of(c)) +
+         " \u00b7 inspection report</title>\n<style>" + kPageStyle + "</style>\n</head>\n<body>\n<main>\n" +
+         heading(c) + verdict(c) + figures(c) + deviation_views(c, colours) + defect_table(c) +
+         distribution_section(c, colours) + traceability(c) + notes(c) +
+         "<footer>Gantry inspection report. One file, nothing is loaded from "
+         "elsewhere.</footer>\n</main>\n</body>\n</html>\n";
+}
+
+}  // namespace gantry::report

@@ -1,0 +1,80 @@
+#include "report/report_json.h"
+
+#include <algorithm>
+#include <nlohmann/json.hpp>
+
+namespace gantry::report {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+template <typename Matrix>
+Json rows(const Matrix& matrix) {
+  Json json = Json::array();
+  for (Eigen::Index r = 0; r < matrix.rows(); ++r) {
+    Json row = Json::array();
+    for (Eigen::Index c = 0; c < matrix.cols(); ++c) row.push_back(matrix(r, c));
+    json.push_back(row);
+  }
+  return json;
+}
+
+Json vector3(const Eigen::Vector3d& v) {
+  return Json{v.x(), v.y(), v.z()};
+}
+
+Json defect_json(const Defect& d) {
+  return {{"id", d.id},
+          {"centre_mm", vector3(d.centre_mm)},
+          {"extent_mm", vector3(d.extent_mm)},
+          {"area_mm2", d.area_mm2},
+          {"peak_mm", d.peak_mm},
+          {"mean_mm", d.mean_mm},
+          {"uncertainty_mm", d.uncertainty_mm},
+          {"peak_at_mm", vector3(d.peak_at_mm)},
+          {"normal", vector3(d.normal)},
+          {"points", d.points},
+          {"certain", d.certain}};
+}
+
+}  // namespace
+
+std::string report_json(const InspectionResult& result, const InspectionOptions& options,
+                        const Traceability& traceability) {
+  Json json;
+  json["verdict"] = to_string(result.verdict);
+  json["reason"] = result.reason;
+  json["title"] = traceability.title;
+  json["created"] = traceability.created;
+  json["simulated"] = traceability.simulated;
+  json["tolerance_mm"] = options.tolerance_mm;
+  const DeviationStatistics& s = result.statistics;
+  json["statistics"] = {{"count", s.count},    {"mean_mm", s.mean},
+                        {"sigma_mm", s.sigma}, {"rms_mm", s.rms},
+                        {"min_mm", s.min},     {"max_mm", s.max},
+                        {"p05_mm", s.p05},     {"p50_mm", s.p50},
+                        {"p95_mm", s.p95},     {"within_tolerance", s.within_tolerance}};
+  json["coverage"] = result.coverage;
+  const auto count = [&](PointClass c) {
+    return std::count(result.point_class.begin(), result.point_class.end(), c);
+  };
+  json["point_classes"] = {{"judged", count(PointClass::kJudged)},
+                           {"fixture", count(PointClass::kFixture)},
+                           {"far", count(PointClass::kFar)}};
+  const AlignmentResult& a = result.alignment;
+  json["alignment"] = {{"cad_from_cloud", rows(a.cad_from_cloud.matrix())},
+                       {"covariance", rows(a.covariance)},
+                       {"rms_before_mm", a.rms_before_mm},
+                       {"rms_after_mm", a.rms_after_mm},
+                       {"inlier_fraction", a.inlier_fraction},
+                       {"iterations", a.iterations},
+                       {"converged", a.converged}};
+  json["defects"] = Json::array();
+  for (const Defect& d : result.defects) json["defects"].push_back(defect_json(d));
+  json["traceability"] = Json::object();
+  for (const auto& [key, value] : traceability.entries) json["traceability"][key] = value;
+  // Text that is not UTF-8 (a file name) must not cost the report.
+  return json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
+}
+
+}  // namespace gantry::report

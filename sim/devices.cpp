@@ -1,0 +1,108 @@
+#include "gantry/sim/devices.h"
+
+namespace gantry {
+namespace {
+
+class SimulatedDrive final : public Drive {
+ public:
+  SimulatedDrive(const std::string& axis, SimulatedWorld& world, size_t index)
+      : info_{axis, "simulated", ""}, stage_(world.stage(index)), clock_(world.clock()) {}
+
+  const DriveInfo& info() const override { return info_; }
+  Result<void> connect() override { return {}; }
+
+  Result<DriveStatus> read_status() override {
+    const double now_s = clock_.now_s();
+    const StageState state = stage_.observe(now_s);
+    DriveStatus status;
+    status.position = state.encoder_position;
+    status.servo_on = state.servo_on;
+    status.homed = state.homed;
+    status.moving = state.moving;
+    status.in_position = state.in_position;
+    status.sampled_at_s = now_s;
+    return status;
+  }
+
+  Result<void> set_servo(bool on) override {
+    stage_.set_servo(on, clock_.now_s());
+    return {};
+  }
+
+  Result<void> start_homing() override {
+    if (!stage_.start_homing(clock_.now_s())) return servo_is_off("homing");
+    return {};
+  }
+
+  Result<void> start_move(const MoveCommand& command) override {
+    if (!stage_.start_move(command.target, command.speed, command.acceleration, clock_.now_s()))
+      return servo_is_off("move");
+    return {};
+  }
+
+  Result<void> halt() override {
+    stage_.halt(clock_.now_s());
+    return {};
+  }
+
+  Result<void> reset_alarm() override { return {}; }
+
+ private:
+  Result<void> servo_is_off(const std::string& command) const {
+    return fault(FaultKind::kRefused, info_.text(), command + " refused: the servo is off");
+  }
+
+  DriveInfo info_;
+  SimulatedStage& stage_;
+  Clock& clock_;
+};
+
+class SimulatedScanner final : public Scanner {
+ public:
+  explicit SimulatedScanner(SimulatedWorld& world) : world_(world) {
+    info_.vendor = "Gantry";
+    info_.model = "simulated";
+    info_.serial = "in-process";
+    info_.width = world.sensor().width;
+    info_.height = world.sensor().height;
+  }
+
+  const ScannerInfo& info() const override { return info_; }
+
+  Result<void> connect() override {
+    connected_ = true;
+    return {};
+  }
+
+  Result<Capture> capture(const CaptureSettings& settings) override {
+    if (!connected_) return fault(FaultKind::kRefused, info_.text(), "capture before connect");
+    constexpr double kMin_s = 0.001, kMax_s = 10.0;
+    if (!(settings.exposure_s >= kMin_s && settings.exposure_s <= kMax_s))
+      return fault(FaultKind::kRefused, info_.text(),
+                   "exposure of " + std::to_string(settings.exposure_s) + " s is outside 0.001 to 10 s");
+    Capture capture;
+    capture.scan = world_.expose(settings.exposure_s);
+    capture.frame_id = ++frames_;
+    capture.device_timestamp_ns = static_cast<uint64_t>(world_.clock().now_s() * 1e9);
+    capture.exposure_s = settings.exposure_s;
+    return capture;
+  }
+
+ private:
+  SimulatedWorld& world_;
+  ScannerInfo info_;
+  bool connected_ = false;
+  uint64_t frames_ = 0;
+};
+
+}  // namespace
+
+std::unique_ptr<Drive> make_simulated_drive(const std::string& axis, SimulatedWorld& world, size_t index) {
+  return std::make_unique<SimulatedDrive>(axis, world, index);
+}
+
+std::unique_ptr<Scanner> make_simulated_scanner(SimulatedWorld& world) {
+  return std::make_unique<SimulatedScanner>(world);
+}
+
+}  // namespace gantry
