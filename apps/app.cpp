@@ -17,6 +17,7 @@ std::atomic<bool> g_stop{false};
 }  // namespace
 
 void add_common_options(CLI::App& app, CommonOptions& options) {
+  app.fallthrough();  // common options may also follow a subcommand
   app.set_version_flag("--version", "gantry " GANTRY_VERSION);
   app.add_option("--log-level", options.log_level, "trace, debug, info, warn, error or off")
       ->check(CLI::IsMember({"trace", "debug", "info", "warn", "error", "off"}))

@@ -13,16 +13,16 @@ namespace {
 void print_summary(const InspectionResult& result, const InspectionOptions& options, const std::filesystem::path& report) {
   const DeviationStatistics& s = result.statistics;
   std::printf("\n%s  %s\n\n", std::string(to_string(result.verdict)).c_str(), result.reason.c_str());
-  std::printf("  deviation  mean %+.4f mm, sigma %.4f mm, %.2f %% of %zu points within +-%.3f mm\n", s.mean, s.sigma,
+  std::printf("  deviation  mean %+.4f mm, sigma %.4f mm, %.2f %% of %zu points within ±%.3f mm\n", s.mean, s.sigma,
               100 * s.within_tolerance, s.count, options.tolerance_mm);
   std::printf("  coverage   %.1f %% of the CAD surface\n", 100 * result.coverage);
   if (options.align)
     std::printf("  alignment  residual %.3f mm before, %.4f mm after best fit\n", result.alignment.rms_before_mm,
                 result.alignment.rms_after_mm);
   if (!result.defects.empty()) {
-    std::printf("\n  defect       peak +- U (mm)   area (mm2)   centre x, y, z (mm)        extent x, y, z (mm)\n");
+    std::printf("\n  defect       peak ± U (mm)   area (mm2)   centre x, y, z (mm)        extent x, y, z (mm)\n");
     for (const Defect& d : result.defects)
-      std::printf("  %4d      %+8.3f +- %.3f   %10.1f   %7.2f %7.2f %7.2f   %7.2f %7.2f %7.2f\n", d.id, d.peak_mm,
+      std::printf("  %4d      %+8.3f ± %.3f   %10.1f   %7.2f %7.2f %7.2f   %7.2f %7.2f %7.2f\n", d.id, d.peak_mm,
                   d.uncertainty_mm, d.area_mm2, d.centre_mm.x(), d.centre_mm.y(), d.centre_mm.z(), d.extent_mm.x(),
                   d.extent_mm.y(), d.extent_mm.z());
   }

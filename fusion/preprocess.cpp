@@ -2,6 +2,7 @@
 
 #include <tbb/parallel_for.h>
 
+#include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
@@ -18,6 +19,8 @@ constexpr double kStepInPitches = 4.0;
 /// A point further than this many times the local noise from its neighbours' plane is an outlier.
 constexpr double kOutlierInSigmas = 4.0;
 constexpr size_t kMinPoints = 100;
+/// Closer to edge-on than 80 degrees neither side nor position of a surface is certain.
+constexpr float kGrazingCosine = 0.17f;
 
 template <typename T>
 T median(std::vector<T> values) {
@@ -70,15 +73,94 @@ std::vector<unsigned char> crop(const TaggedScan& tagged, const PreprocessOption
   return valid;
 }
 
+/// Median distance between neighbours along rows or along columns, whichever is larger: line scanners
+/// often measure more densely along their line.
 double grid_spacing(const Scan& scan, const std::vector<unsigned char>& valid) {
-  std::vector<float> steps;
-  for (int row = 0; row < scan.height; row += 3) {
+  std::vector<float> along_row, along_column;
+  for (int row = 0; row + 1 < scan.height; row += 3) {
     for (int column = 0; column + 1 < scan.width; column += 3) {
-      const size_t i = scan.index(column, row);
-      if (valid[i] && valid[i + 1]) steps.push_back((scan.points[i] - scan.points[i + 1]).norm());
+      const size_t i = scan.index(column, row), right = i + 1, below = scan.index(column, row + 1);
+      if (!valid[i]) continue;
+      if (valid[right]) along_row.push_back((scan.points[i] - scan.points[right]).norm());
+      if (valid[below]) along_column.push_back((scan.points[i] - scan.points[below]).norm());
     }
   }
-  return median(std::move(steps));
+  return std::max(median(std::move(along_row)), median(std::move(along_column)));
+}
+
+/// Least-squares fit of a quantity of each point (a 3-vector) that should be linear in column and row;
+/// returns the covariance of what is left over and, by `spread`, that of the quantity itself.
+template <typename Quantity>
+Eigen::Matrix3d left_over_by_linear_fit(const Scan& scan, const Work& work, Quantity&& quantity, Eigen::Matrix3d& spread) {
+  const auto each_point = [&](auto&& visit) {
+    for (int row = 0; row < scan.height; ++row)
+      for (int column = 0; column < scan.width; ++column)
+        if (const size_t i = scan.index(column, row); work.keep[i])
+          visit(Eigen::Vector3d(1, static_cast<double>(column) / scan.width, static_cast<double>(row) / scan.height),
+                Eigen::Vector3d(quantity(Eigen::Vector3d(scan.points[i].cast<double>()))));
+  };
+  Eigen::Matrix3d normal = Eigen::Matrix3d::Zero(), right = Eigen::Matrix3d::Zero();
+  each_point([&](const Eigen::Vector3d& pixel, const Eigen::Vector3d& value) {
+    normal += pixel * pixel.transpose();
+    right += pixel * value.transpose();
+  });
+  const Eigen::Matrix3d linear = normal.ldlt().solve(right);
+  const double count = std::max(1.0, normal(0, 0));
+  const Eigen::Vector3d mean = right.row(0).transpose() / count;
+  Eigen::Matrix3d left_over = Eigen::Matrix3d::Zero();
+  spread.setZero();
+  each_point([&](const Eigen::Vector3d& pixel, const Eigen::Vector3d& value) {
+    const Eigen::Vector3d residual = value - linear.transpose() * pixel;
+    left_over += residual * residual.transpose() / count;
+    spread += (value - mean) * (value - mean).transpose() / count;
+  });
+  return left_over;
+}
+
+/// Whether the rays meet at the origin as a camera's do: x / z and y / z are then linear in column and row.
+bool rays_meet_at_origin(const Scan& scan, const Work& work) {
+  Eigen::Matrix3d spread;
+  const Eigen::Matrix3d left_over = left_over_by_linear_fit(
+      scan, work, [](const Eigen::Vector3d& p) { return Eigen::Vector3d(p.x() / p.z(), p.y() / p.z(), 0); }, spread);
+  return left_over.trace() < 1e-3 * spread.trace();
+}
+
+/// Direction of the rays of a scan whose rays are about parallel, such as a line scanner's on a stage:
+/// positions across the rays are linear in row and column, so what the fit leaves over lies along them.
+/// Sign unknown.
+Eigen::Vector3d parallel_ray_direction(const Scan& scan, const Work& work) {
+  Eigen::Matrix3d spread;
+  const Eigen::Matrix3d left_over =
+      left_over_by_linear_fit(scan, work, [](const Eigen::Vector3d& p) { return p; }, spread);
+  return Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(left_over).eigenvectors().col(2);
+}
+
+/// Turns the normals towards the sensor. In this frame the sensor is at the origin, so every surface it
+/// saw faces the origin. Scans of other devices may have their origin anywhere: then the direction of
+/// the rays, and the handedness of the grid (columns to the right, rows down), tell the side.
+void orient(const Scan& scan, Work& work) {
+  const bool sensor_at_origin = rays_meet_at_origin(scan, work);
+  Eigen::Vector3d back_along_rays = Eigen::Vector3d::UnitZ();
+  if (!sensor_at_origin) {
+    Eigen::Vector3d outwards = Eigen::Vector3d::Zero();
+    for (int row = 0; row + 1 < scan.height; ++row) {
+      for (int column = 0; column + 1 < scan.width; ++column) {
+        const size_t i = scan.index(column, row), right = i + 1, below = scan.index(column, row + 1);
+        if (!work.keep[i] || !work.keep[right] || !work.keep[below]) continue;
+        outwards += (scan.points[below] - scan.points[i]).cross(scan.points[right] - scan.points[i]).cast<double>();
+      }
+    }
+    back_along_rays = parallel_ray_direction(scan, work);
+    if (back_along_rays.dot(outwards) < 0) back_along_rays *= -1;
+  }
+  for (size_t i = 0; i < work.normal.size(); ++i) {
+    if (!work.keep[i]) continue;
+    const Eigen::Vector3f to_sensor =
+        sensor_at_origin ? Eigen::Vector3f(-scan.points[i].stableNormalized()) : back_along_rays.cast<float>().eval();
+    const float cosine = work.normal[i].dot(to_sensor);
+    if (cosine < 0) work.normal[i] *= -1;
+    if (std::abs(cosine) < kGrazingCosine) work.keep[i] = 0;
+  }
 }
 
 void work_on_grid(const Scan& scan, const std::vector<unsigned char>& valid, const PreprocessOptions& options,
@@ -143,37 +225,7 @@ void work_on_grid(const Scan& scan, const std::vector<unsigned char>& valid, con
     }
   });
 
-  // Sign: the grid's handedness (columns to the right, rows down) makes it consistent over the scan.
-  size_t towards = 0, total = 0;
-  for (int row = 0; row + 1 < h; ++row) {
-    for (int column = 0; column + 1 < w; ++column) {
-      const size_t i = scan.index(column, row);
-      if (!work.keep[i]) continue;
-      Eigen::Vector3f right = Eigen::Vector3f::Zero(), down = Eigen::Vector3f::Zero();
-      for (int k = 1; k <= 3 && (right.isZero() || down.isZero()); ++k) {
-        if (right.isZero() && column + k < w && valid[i + k]) right = scan.points[i + k] - scan.points[i];
-        if (down.isZero() && row + k < h && valid[scan.index(column, row + k)])
-          down = scan.points[scan.index(column, row + k)] - scan.points[i];
-      }
-      const float side = down.cross(right).dot(work.normal[i]);
-      if (side == 0 || right.squaredNorm() > 9 * step * step || down.squaredNorm() > 9 * step * step) {
-        work.keep[i] = 0;
-        continue;
-      }
-      if (side < 0) work.normal[i] *= -1;
-      ++total;
-      towards += work.normal[i].dot(scan.points[i]) < 0;
-    }
-  }
-  for (int row = 0; row < h; ++row) work.keep[scan.index(w - 1, row)] = 0;
-  for (int column = 0; column < w; ++column) work.keep[scan.index(column, h - 1)] = 0;
-  // Where the sensor is at the origin, as this frame says, every surface it sees faces the origin. Then
-  // that decides the sign, and not the order in which the file lists rows and columns, nor the noise of
-  // two neighbours at grazing incidence. Scans of other devices may have their origin anywhere.
-  const double fraction = total ? static_cast<double>(towards) / static_cast<double>(total) : 1.0;
-  if (fraction < 0.1 || fraction > 0.9)
-    for (size_t i = 0; i < work.normal.size(); ++i)
-      if (work.normal[i].dot(scan.points[i]) > 0) work.normal[i] *= -1;
+  orient(scan, work);
 }
 
 void work_on_neighbours(const Scan& scan, const std::vector<unsigned char>& valid, const PreprocessOptions& options,

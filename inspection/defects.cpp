@@ -24,6 +24,15 @@ class Groups {
   std::vector<size_t> parent_;
 };
 
+/// Which of +-x, +-y, +-z a point's normal is nearest to, as 0 to 5.
+size_t main_direction(const PointCloud& cloud, size_t i) {
+  if (!cloud.has_normals()) return 0;
+  const Eigen::Vector3f& n = cloud.normals[i];
+  Eigen::Index axis;
+  n.cwiseAbs().maxCoeff(&axis);
+  return static_cast<size_t>(2 * axis + (n[axis] < 0));
+}
+
 /// Area that points with normals sample: occupied cells of a grid across each point's main direction,
 /// each counted with the tilt of its surface. `cell_mm` should exceed the points' spacing.
 double sampled_area(const PointCloud& cloud, const std::vector<size_t>& members, double cell_mm) {
@@ -81,7 +90,7 @@ void find_defects(InspectionResult& result, const InspectionOptions& options) {
   }
 
   // The peak is where the deviation is certainly largest: a poorly known rim must not outbid the middle.
-  const auto certain_size = [&](size_t i) { return std::abs(result.deviation_mm[i]) - 2 * result.uncertainty_mm[i]; };
+  const auto certain_size = [&](size_t i) { return std::abs(result.deviation_mm[i]) - 3 * result.uncertainty_mm[i]; };
   std::vector<std::pair<Defect, std::vector<size_t>>> found;
   for (auto& [root, members] : regions) {
     Defect defect;
@@ -93,30 +102,25 @@ void find_defects(InspectionResult& result, const InspectionOptions& options) {
     size_t peak = members.front();
     std::array<Eigen::Vector3d, 6> facing;
     facing.fill(Eigen::Vector3d::Zero());
-    double deviations = 0;
+    double magnitudes = 0;
     for (size_t i : members) {
       const Eigen::Vector3d p = cloud.points[i].cast<double>();
       sum += p;
       box.extend(p);
-      deviations += result.deviation_mm[i];
+      magnitudes += std::abs(result.deviation_mm[i]);
       if (certain_size(i) > certain_size(peak)) peak = i;
       if (cloud.has_normals()) {
-        const Eigen::Vector3d n = cloud.normals[i].cast<double>();
-        Eigen::Index axis;
-        n.cwiseAbs().maxCoeff(&axis);
-        facing[static_cast<size_t>(2 * axis + (n[axis] < 0))] += n;
+        facing[main_direction(cloud, i)] += cloud.normals[i].cast<double>();
       }
     }
     const double count = static_cast<double>(members.size());
     defect.centre_mm = sum / count;
     defect.extent_mm = box.sizes();
-    defect.mean_mm = deviations / count;
+    defect.mean_mm = magnitudes / count;
     defect.peak_mm = result.deviation_mm[peak];
     defect.peak_at_mm = cloud.points[peak].cast<double>();
     defect.uncertainty_mm = 2.0 * result.uncertainty_mm[peak];
-    defect.normal = std::max_element(facing.begin(), facing.end(), [](const auto& a, const auto& b) {
-                      return a.norm() < b.norm();
-                    })->stableNormalized();
+    defect.normal = facing[main_direction(cloud, peak)].stableNormalized();
     defect.certain = std::abs(defect.peak_mm) > options.tolerance_mm + defect.uncertainty_mm;
     found.emplace_back(defect, std::move(members));
   }

@@ -77,12 +77,30 @@ DeviationStatistics statistics_of(std::vector<float> values, double tolerance_mm
   return s;
 }
 
+/// Standard uncertainty of one deviation: the smoothed surface's along its normal, the single point's
+/// across it (a point beyond an edge deviates sideways, where nothing was smoothed), the alignment's,
+/// and what neighbours share.
+float standard_uncertainty(const InspectionResult& result, const InspectionOptions& options, size_t i,
+                           const internal::LocalSurface& surface, const SignedDistance::Value& value) {
+  const Eigen::Vector3d offset = (surface.points[i] - value.closest).cast<double>();
+  const Eigen::Vector3d direction = offset.norm() > 1e-6 ? Eigen::Vector3d(offset.normalized()) : value.normal.cast<double>();
+  double along = 1;
+  if (result.cloud.has_normals()) along = direction.dot(result.cloud.normals[i].cast<double>());
+  const double single = result.cloud.has_sigma() ? result.cloud.sigma_mm[i] : surface.sigma_mm[i];
+  Vector6d j;
+  j << value.closest.cast<double>().cross(direction), direction;
+  const double variance = along * along * surface.sigma_mm[i] * surface.sigma_mm[i] +
+                          (1 - along * along) * single * single + j.dot(result.alignment.covariance * j) +
+                          options.systematic_sigma_mm * options.systematic_sigma_mm;
+  return static_cast<float>(std::sqrt(std::max(0.0, variance)));
+}
+
 void decide(InspectionResult& result, const InspectionOptions& options) {
   char text[200];
   const auto certain = std::count_if(result.defects.begin(), result.defects.end(), [](const Defect& d) { return d.certain; });
   if (certain > 0) {
     result.verdict = Verdict::kFail;
-    std::snprintf(text, sizeof text, "%ld %s out of tolerance (+-%.3f mm); the largest deviates by %+.3f mm.",
+    std::snprintf(text, sizeof text, "%ld %s out of tolerance (±%.3f mm); the largest deviates by %+.3f mm.",
                   static_cast<long>(certain), certain == 1 ? "region is" : "regions are", options.tolerance_mm,
                   result.defects.front().peak_mm);
   } else if (options.align && !result.alignment.converged) {
@@ -94,11 +112,11 @@ void decide(InspectionResult& result, const InspectionOptions& options) {
                   100 * result.coverage, 100 * options.min_coverage);
   } else if (!result.defects.empty()) {
     result.verdict = Verdict::kUndecided;
-    std::snprintf(text, sizeof text, "%zu region(s) exceed the tolerance (+-%.3f mm) by less than the uncertainty.",
+    std::snprintf(text, sizeof text, "%zu region(s) exceed the tolerance (±%.3f mm) by less than the uncertainty.",
                   result.defects.size(), options.tolerance_mm);
   } else {
     result.verdict = Verdict::kPass;
-    std::snprintf(text, sizeof text, "All of the inspected surface (%.0f %% of the CAD surface) is within +-%.3f mm.",
+    std::snprintf(text, sizeof text, "All of the inspected surface (%.0f %% of the CAD surface) is within ±%.3f mm.",
                   100 * result.coverage, options.tolerance_mm);
   }
   result.reason = text;
@@ -151,10 +169,7 @@ InspectionResult inspect(const PointCloud& cloud, const SignedDistance& referenc
     } else if (value && surface.supported[i]) {
       result.point_class[i] = PointClass::kJudged;
       result.deviation_mm[i] = value->distance;
-      Vector6d j;
-      j << value->closest.cast<double>().cross(value->normal.cast<double>()), value->normal.cast<double>();
-      const double systematic = options.systematic_sigma_mm * options.systematic_sigma_mm + j.dot(result.alignment.covariance * j);
-      result.uncertainty_mm[i] = static_cast<float>(std::sqrt(surface.sigma_mm[i] * surface.sigma_mm[i] + systematic));
+      result.uncertainty_mm[i] = standard_uncertainty(result, options, i, surface, *value);
       foot[i] = value->closest;
       foot_normal[i] = reference.scene().mesh().normal(value->triangle);
     }

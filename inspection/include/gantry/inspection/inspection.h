@@ -49,10 +49,10 @@ struct Defect {
   Eigen::Vector3d extent_mm;      ///< Size of its bounding box along x, y, z.
   double area_mm2 = 0;            ///< Of all faces that the region covers.
   double peak_mm = 0;             ///< Largest deviation, with its sign, taken where |deviation| - U is largest.
-  double mean_mm = 0;             ///< Mean deviation over the region.
+  double mean_mm = 0;             ///< Mean magnitude: a dent deviates both ways, one on each face of the sheet.
   double uncertainty_mm = 0;      ///< Expanded uncertainty U (95 %) of the peak.
   Eigen::Vector3d peak_at_mm;     ///< Where the peak is.
-  Eigen::Vector3d normal;         ///< Mean outward surface normal at the region's dominant face.
+  Eigen::Vector3d normal;         ///< Mean outward normal of the face on which the peak lies.
   size_t points = 0;
   bool certain = false;           ///< |peak| exceeds the tolerance by more than U.
 };
