@@ -100,6 +100,7 @@ Journal::Journal(const std::filesystem::path& path) : path_(path) {
     throw InputError(path.string() + ": cannot be opened: " + message);
   }
   try {
+    sqlite3_busy_timeout(db_, 5000);  // another program may be reading the journal of a run that goes on
     // Every transaction is on the disk before it counts.
     execute("PRAGMA synchronous = FULL");
     execute("CREATE TABLE IF NOT EXISTS facts (name TEXT PRIMARY KEY, value TEXT NOT NULL)");

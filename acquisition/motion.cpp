@@ -8,6 +8,7 @@ namespace {
 
 constexpr double kPollInterval_s = 0.02;
 constexpr double kProgressInterval_s = 0.1;
+constexpr double kBrakingTime_s = 3.0;  ///< Longer than any stage needs to come to a stop.
 
 }  // namespace
 
@@ -17,9 +18,21 @@ Motion::Motion(std::vector<std::unique_ptr<Axis>> axes, std::vector<AxisSettings
 Motion::~Motion() { stop_all("the program ended"); }
 
 void Motion::stop_all(const std::string& reason) {
+  std::vector<Axis*> stopping;
   for (auto& axis : axes_) {
     const AxisState state = axis->status().state;
-    if (state == AxisState::kHoming || state == AxisState::kDiscreteMotion) axis->abort(reason);
+    if (state != AxisState::kHoming && state != AxisState::kDiscreteMotion) continue;
+    axis->abort(reason);
+    stopping.push_back(axis.get());
+  }
+  // The program may end after this: it ends when the stages stand, unless a drive cannot tell.
+  const double deadline_s = clock_.now_s() + kBrakingTime_s;
+  while (!stopping.empty() && clock_.now_s() < deadline_s) {
+    std::erase_if(stopping, [](Axis* axis) {
+      const auto status = axis->update();
+      return !status || !status->drive.moving;
+    });
+    if (!stopping.empty()) clock_.sleep_s(kPollInterval_s);
   }
 }
 
@@ -87,7 +100,7 @@ Result<Standstill> Motion::move_to(std::span<const double> q) {
   // All targets are checked before the first axis starts.
   for (size_t i = 0; i < axes_.size(); ++i) {
     const AxisLimits& limits = axes_[i]->limits();
-    if (q[i] < limits.lower || q[i] > limits.upper)
+    if (!(q[i] >= limits.lower && q[i] <= limits.upper))
       return fault(FaultKind::kLimit, axes_[i]->info().text(),
                    "move to " + axes_[i]->format(q[i]) + " refused: outside the soft limits " +
                        axes_[i]->format(limits.lower) + " to " + axes_[i]->format(limits.upper));
@@ -119,7 +132,7 @@ Result<Standstill> Motion::move_to(std::span<const double> q) {
       }
       ++still.samples;
       still.duration_s = clock_.now_s() - begin_s;
-      if (still.duration_s < settle_s) clock_.sleep_s(kPollInterval_s);
+      if (!inside || still.duration_s < settle_s) clock_.sleep_s(kPollInterval_s);
     } while (inside && still.duration_s < settle_s);
     if (inside) {
       for (size_t i = 0; i < axes_.size(); ++i) {

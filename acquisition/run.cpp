@@ -23,7 +23,8 @@ Result<Capture> capture_with_repeats(Scanner& scanner, const Viewpoint& view, Jo
   settings.exposure_s = view.exposure_s;
   for (int attempt = 1;; ++attempt) {
     auto capture = scanner.capture(settings);
-    if (capture || capture.error().kind != FaultKind::kDataLoss || attempt == kCaptureAttempts) return capture;
+    if (capture || capture.error().kind != FaultKind::kDataLoss || attempt == kCaptureAttempts)
+      return capture;
     journal.add_event("capture repeated", "viewpoint " + view.name + ": " + capture.error().text());
   }
 }
@@ -67,43 +68,60 @@ Result<std::pair<Scan, ScanRecord>> scan_viewpoint(const Cell& cell, const Viewp
   return std::pair{std::move(capture->scan), std::move(record)};
 }
 
+/// Throws InputError for the first fact that differs or that only one of the sessions has.
+void require_equal(const std::filesystem::path& run, const std::map<std::string, std::string>& now,
+                   const std::map<std::string, std::string>& recorded) {
+  const auto text = [](const std::map<std::string, std::string>& facts, const std::string& name) {
+    const auto found = facts.find(name);
+    return found == facts.end() ? std::string("absent") : "'" + found->second + "'";
+  };
+  std::map<std::string, std::string> all = now;
+  all.insert(recorded.begin(), recorded.end());
+  for (const auto& [name, unused] : all) {
+    if (text(now, name) != text(recorded, name))
+      throw InputError(run.string() + ": cannot be resumed: " + name + " is " + text(now, name) +
+                       " now but was " + text(recorded, name) + " when the run began");
+  }
+}
+
 }  // namespace
 
-RunFolder::RunFolder(const std::filesystem::path& path, const std::map<std::string, std::string>& facts, bool resume)
+RunFolder::RunFolder(const std::filesystem::path& path, const std::map<std::string, std::string>& facts,
+                     bool resume)
     : path_(path) {
   const std::filesystem::path journal = path / "journal.sqlite";
   const bool exists = std::filesystem::exists(journal);
-  if (resume) {
-    if (!exists) throw InputError(path.string() + ": there is no run to resume here (no journal.sqlite)");
-    journal_ = std::make_unique<Journal>(journal);
-    const auto recorded = journal_->facts();
-    for (const auto& [name, value] : facts) {
-      const auto found = recorded.find(name);
-      if (found == recorded.end() || found->second != value)
-        throw InputError(path.string() + ": cannot be resumed: " + name + " is '" + value + "' now but was '" +
-                         (found == recorded.end() ? "" : found->second) + "' when the run began");
-    }
-    journal_->add_event("resumed", "");
-    return;
-  }
-  if (exists) throw InputError(path.string() + ": holds a run already; resume it with --resume or choose another folder");
-  if (std::filesystem::exists(path) && !(std::filesystem::is_directory(path) && std::filesystem::is_empty(path)))
+  if (resume && !exists)
+    throw InputError(path.string() + ": there is no run to resume here (no journal.sqlite)");
+  if (!resume && exists)
+    throw InputError(path.string() +
+                     ": holds a run already; resume it with --resume or choose another folder");
+  if (!resume && std::filesystem::exists(path) &&
+      !(std::filesystem::is_directory(path) && std::filesystem::is_empty(path)))
     throw InputError(path.string() + ": exists and is not an empty folder");
   std::error_code error;
-  std::filesystem::create_directories(path / "scans", error);
+  std::filesystem::create_directories(path, error);
   if (error) throw InputError(path.string() + ": cannot be created: " + error.message());
+  // In this order, so that a run that dies at any instant from here on leaves a folder that can be resumed.
   journal_ = std::make_unique<Journal>(journal);
-  journal_->set_facts(facts);
-  journal_->add_event("started", "");
+  const auto recorded = journal_->facts();
+  if (recorded.empty())
+    journal_->set_facts(facts);
+  else
+    require_equal(path, facts, recorded);
+  std::filesystem::create_directories(path / "scans", error);
+  if (error) throw InputError((path / "scans").string() + ": cannot be created: " + error.message());
+  journal_->add_event(resume ? "resumed" : "started", "");
 }
 
-Result<void> execute_plan(const Cell& cell, const Plan& plan, Motion& motion, Scanner& scanner, RunFolder& folder,
-                          Clock& clock, const RunObserver& observer) {
+Result<void> execute_plan(const Cell& cell, const Plan& plan, Motion& motion, Scanner& scanner,
+                          RunFolder& folder, Clock& clock, const RunObserver& observer) {
   Journal& journal = folder.journal();
   std::set<int> done;
   for (const ScanRecord& record : journal.scans()) {
     done.insert(record.viewpoint);
-    TaggedScan tagged{record.viewpoint_name, read_scan(folder.path() / record.file).scan, record.part_from_sensor};
+    TaggedScan tagged{record.viewpoint_name, read_scan(folder.path() / record.file).scan,
+                      record.part_from_sensor};
     observer.scan(std::move(tagged));
   }
   const size_t n = plan.viewpoints.size();

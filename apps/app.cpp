@@ -26,10 +26,12 @@ void add_common_options(CLI::App& app, CommonOptions& options) {
       ->check(CLI::Range(0, 1024))
       ->capture_default_str();
   app.footer(app.get_footer() +
-             "\nExit codes: 0 pass or done, 1 fail (out of tolerance), 2 wrong option or file, 3 device fault, 4 undecided.");
+             "\nExit codes: 0 pass or done, 1 fail (out of tolerance), 2 wrong option or file, 3 device "
+             "fault, 4 undecided.");
 }
 
-int run_app(CLI::App& app, int argc, char** argv, const CommonOptions& options, const std::function<ExitCode()>& body) {
+int run_app(CLI::App& app, int argc, char** argv, const CommonOptions& options,
+            const std::function<ExitCode()>& body) {
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& e) {
@@ -58,7 +60,9 @@ int run_app(CLI::App& app, int argc, char** argv, const CommonOptions& options, 
   }
 }
 
-const std::atomic<bool>& stop_requested() { return g_stop; }
+const std::atomic<bool>& stop_requested() {
+  return g_stop;
+}
 
 void install_stop_handler() {
   const auto handler = [](int) { g_stop = true; };
@@ -66,6 +70,8 @@ void install_stop_handler() {
   std::signal(SIGTERM, handler);
 }
 
-bool stdout_is_terminal() { return isatty(STDOUT_FILENO) != 0; }
+bool stdout_is_terminal() {
+  return isatty(STDOUT_FILENO) != 0;
+}
 
 }  // namespace gantry

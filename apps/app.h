@@ -19,7 +19,8 @@ void add_common_options(CLI::App& app, CommonOptions& options);
 
 /// Parses the command line, runs `body`, and turns what it throws into a message on stderr and the
 /// documented exit code: InputError and wrong options 2, DeviceError 3.
-int run_app(CLI::App& app, int argc, char** argv, const CommonOptions& options, const std::function<ExitCode()>& body);
+int run_app(CLI::App& app, int argc, char** argv, const CommonOptions& options,
+            const std::function<ExitCode()>& body);
 
 /// Becomes true at SIGINT or SIGTERM once install_stop_handler() was called.
 const std::atomic<bool>& stop_requested();

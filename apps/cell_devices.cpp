@@ -13,7 +13,9 @@
 namespace gantry {
 namespace {
 
-bool on_loopback(const std::string& host) { return host.rfind("127.", 0) == 0 || host == "localhost"; }
+bool on_loopback(const std::string& host) {
+  return host.rfind("127.", 0) == 0 || host == "localhost";
+}
 
 }  // namespace
 
@@ -27,11 +29,12 @@ std::unique_ptr<SimulatedWorld> make_world(const Cell& cell, const std::optional
   return std::make_unique<SimulatedWorld>(cell.chain, settings, mesh, holder, seed, clock);
 }
 
-CellDevices make_devices(const Cell& cell, const std::optional<std::filesystem::path>& part, uint64_t seed, Clock& clock) {
+CellDevices make_devices(const Cell& cell, const std::optional<std::filesystem::path>& part, uint64_t seed,
+                         Clock& clock) {
   CellDevices devices;
-  const bool needs_world =
-      cell.scanner.kind == "simulated" ||
-      std::any_of(cell.axes.begin(), cell.axes.end(), [](const AxisSettings& a) { return a.drive.profile == "simulated"; });
+  const bool needs_world = cell.scanner.kind == "simulated" ||
+                           std::any_of(cell.axes.begin(), cell.axes.end(),
+                                       [](const AxisSettings& a) { return a.drive.profile == "simulated"; });
   if (needs_world) {
     devices.world = make_world(cell, part, seed, clock);
     devices.simulated = true;

@@ -16,12 +16,13 @@ struct CellDevices {
   std::unique_ptr<SimulatedWorld> world;  ///< Only when a device is simulated in this process.
   std::unique_ptr<Motion> motion;
   std::unique_ptr<Scanner> scanner;
-  bool simulated = false;                 ///< No real part is measured (in-process, or a twin on loopback).
+  bool simulated = false;  ///< No real part is measured (in-process, or a twin on loopback).
 };
 
 /// `part` replaces the mesh that the simulation section names. Throws InputError when the cell needs a
 /// simulation section and has none.
-CellDevices make_devices(const Cell& cell, const std::optional<std::filesystem::path>& part, uint64_t seed, Clock& clock);
+CellDevices make_devices(const Cell& cell, const std::optional<std::filesystem::path>& part, uint64_t seed,
+                         Clock& clock);
 
 /// The world of the cell's simulation section.
 std::unique_ptr<SimulatedWorld> make_world(const Cell& cell, const std::optional<std::filesystem::path>& part,

@@ -49,8 +49,7 @@ std::map<std::string, std::string> run_facts(const RunCommand& command, const Ce
 /// Fusion on its own thread: it preprocesses and matches each scan while the stages move on.
 class FusionThread {
  public:
-  explicit FusionThread(FusionOptions options)
-      : fusion_(std::move(options)), thread_([this] { work(); }) {}
+  explicit FusionThread(FusionOptions options) : fusion_(std::move(options)), thread_([this] { work(); }) {}
   ~FusionThread() {
     queue_.close();
     if (thread_.joinable()) thread_.join();
@@ -90,8 +89,8 @@ class FusionThread {
   std::thread thread_;
 };
 
-Traceability traceability(const RunCommand& command, const Cell& cell, const Plan& plan, const CellDevices& devices,
-                          const FusionResult& fused) {
+Traceability traceability(const RunCommand& command, const Cell& cell, const Plan& plan,
+                          const CellDevices& devices, const FusionResult& fused) {
   Traceability trace;
   trace.title = command.reference->stem().string();
   trace.created = utc_now();
@@ -106,9 +105,12 @@ Traceability traceability(const RunCommand& command, const Cell& cell, const Pla
   trace.entries.emplace_back("Calibration", cell.calibration_id);
   trace.entries.emplace_back("Scanner", devices.scanner->info().text());
   for (const auto& axis : devices.motion->axes()) trace.entries.emplace_back("Drive", axis->info().text());
-  const auto kept = std::count_if(fused.edges.begin(), fused.edges.end(), [](const auto& e) { return e.kept; });
-  std::snprintf(text, sizeof text, "%zu scans, %ld of %zu pairs kept, overlap residual %.4f mm before, %.4f mm after",
-                fused.scans.size(), static_cast<long>(kept), fused.edges.size(), fused.before.rms_mm, fused.after.rms_mm);
+  const auto kept =
+      std::count_if(fused.edges.begin(), fused.edges.end(), [](const auto& e) { return e.kept; });
+  std::snprintf(text, sizeof text,
+                "%zu scans, %ld of %zu pairs kept, overlap residual %.4f mm before, %.4f mm after",
+                fused.scans.size(), static_cast<long>(kept), fused.edges.size(), fused.before.rms_mm,
+                fused.after.rms_mm);
   trace.entries.emplace_back("Registration", text);
   trace.entries.emplace_back("Fixture", cell.fixture.empty() ? "none given" : with_hash(cell.fixture));
   trace.entries.emplace_back("Run folder", command.out.filename().string());
@@ -201,7 +203,10 @@ std::unique_ptr<Motion> connect_axes(const std::filesystem::path& cell_path, Clo
   cell = read_cell(cell_path);
   cell.scanner.kind = "genicam3d";  // not opened here, and no world is needed for it
   CellDevices devices = make_devices(cell, std::nullopt, 1, clock);
-  if (devices.world) throw InputError(cell_path.string() + ": simulated drives live in the process that runs them; this command needs real drives or gantry-twin");
+  if (devices.world)
+    throw InputError(cell_path.string() +
+                     ": simulated drives live in the process that runs them; this command needs real drives "
+                     "or gantry-twin");
   require(devices.motion->connect());
   return std::move(devices.motion);
 }
@@ -216,13 +221,19 @@ ExitCode status(const std::filesystem::path& cell_path, bool json) {
     const DriveStatus& s = axis->status().drive;
     const std::string alarm = s.emergency_stop ? "E-STOP" : s.alarm ? std::to_string(*s.alarm) : "-";
     if (json) {
-      out.push_back({{"axis", axis->name()}, {"position", s.position}, {"unit", axis->kind() == AxisKind::kLinear ? "mm" : "rad"},
-                     {"servo_on", s.servo_on}, {"homed", s.homed}, {"moving", s.moving},
-                     {"alarm", s.alarm ? nlohmann::json(*s.alarm) : nlohmann::json()}, {"emergency_stop", s.emergency_stop}});
+      out.push_back({{"axis", axis->name()},
+                     {"position", s.position},
+                     {"unit", axis->kind() == AxisKind::kLinear ? "mm" : "rad"},
+                     {"servo_on", s.servo_on},
+                     {"homed", s.homed},
+                     {"moving", s.moving},
+                     {"alarm", s.alarm ? nlohmann::json(*s.alarm) : nlohmann::json()},
+                     {"emergency_stop", s.emergency_stop}});
     } else {
       std::printf("  %-10s  %-12s  %-5s  %-5s  %-6s  %-5s  %s\n", axis->name().c_str(),
                   s.homed ? axis->format(s.position).c_str() : "unknown", s.servo_on ? "on" : "off",
-                  s.homed ? "yes" : "no", s.moving ? "yes" : "no", alarm.c_str(), axis->info().text().c_str());
+                  s.homed ? "yes" : "no", s.moving ? "yes" : "no", alarm.c_str(),
+                  axis->info().text().c_str());
     }
   }
   if (json) std::printf("%s\n", out.dump().c_str());

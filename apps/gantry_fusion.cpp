@@ -44,7 +44,8 @@ ExitCode run_register(const RegisterOptions& o) {
   const double unit_mm = o.unit == "m" ? 1000.0 : 1.0;
   std::vector<Pose> poses;
   if (!o.initial.empty()) poses = read_poses(o.initial, o.scans.size());
-  // Rotations of the stated size, about the scan's own middle: about the origin they would throw scans away from it.
+  // Rotations of the stated size, about the scan's own middle: about the origin they would throw scans away
+  // from it.
   const double sigma_mm = o.prior.empty() ? 5.0 : o.prior[0];
   const double sigma_rad = (o.prior.empty() ? 5.0 : o.prior[1]) * kRadPerDeg;
 
@@ -57,7 +58,8 @@ ExitCode run_register(const RegisterOptions& o) {
     TaggedScan scan;
     scan.name = o.scans[i].filename().string();
     if (poses.empty() && !file.has_pose)
-      throw InputError(o.scans[i].string() + ": holds no VIEWPOINT; give the initial poses with --initial POSES.txt");
+      throw InputError(o.scans[i].string() +
+                       ": holds no VIEWPOINT; give the initial poses with --initial POSES.txt");
     scan.part_from_sensor.mean = poses.empty() ? file.part_from_sensor : poses[i];
     Eigen::Vector3d centre = Eigen::Vector3d::Zero();
     for (size_t k = 0; k < file.scan.points.size(); ++k)
@@ -76,14 +78,17 @@ ExitCode run_register(const RegisterOptions& o) {
   write_registration(o.out, result);
 
   if (o.json) {
-    std::printf("{\"trusted\": %s, \"overlap_rms_before_mm\": %.6f, \"overlap_rms_after_mm\": %.6f, \"points\": %zu}\n",
-                result.trusted ? "true" : "false", result.before.rms_mm, result.after.rms_mm, result.merged.size());
+    std::printf(
+        "{\"trusted\": %s, \"overlap_rms_before_mm\": %.6f, \"overlap_rms_after_mm\": %.6f, \"points\": "
+        "%zu}\n",
+        result.trusted ? "true" : "false", result.before.rms_mm, result.after.rms_mm, result.merged.size());
   } else {
     std::printf("\n  scan                     moved (mm)   rms (mm)   points\n");
     for (const ScanResult& scan : result.scans)
-      std::printf("  %-24s %10.3f %10.4f %8zu%s\n", scan.name.c_str(), scan.moved_mm, scan.rms_mm, scan.points,
-                  scan.connected ? "" : "   NOT CONNECTED");
-    const auto kept = std::count_if(result.edges.begin(), result.edges.end(), [](const auto& e) { return e.kept; });
+      std::printf("  %-24s %10.3f %10.4f %8zu%s\n", scan.name.c_str(), scan.moved_mm, scan.rms_mm,
+                  scan.points, scan.connected ? "" : "   NOT CONNECTED");
+    const auto kept =
+        std::count_if(result.edges.begin(), result.edges.end(), [](const auto& e) { return e.kept; });
     std::printf("\n  overlap residual (trimmed RMS)  %.4f mm before, %.4f mm after; %ld of %zu pairs kept\n",
                 result.before.rms_mm, result.after.rms_mm, static_cast<long>(kept), result.edges.size());
     std::printf("  merged     %s, %zu points\n", (o.out / "merged.ply").c_str(), result.merged.size());
@@ -106,7 +111,8 @@ struct InspectOptions {
 ExitCode run_inspect(const InspectOptions& o) {
   size_t dropped = 0;
   const PointCloud cloud = read_point_cloud(o.cloud, o.unit == "m" ? 1000.0 : 1.0, &dropped);
-  if (dropped > 0) spdlog::warn("{}: {} points without finite coordinates were left out", o.cloud.string(), dropped);
+  if (dropped > 0)
+    spdlog::warn("{}: {} points without finite coordinates were left out", o.cloud.string(), dropped);
   const TriangleMesh reference = read_mesh(o.reference, o.reference_unit == "m" ? 1000.0 : 1.0);
   InspectionOptions options;
   options.tolerance_mm = o.tolerance_mm;
@@ -128,39 +134,62 @@ int main(int argc, char** argv) {
   CLI::App app{
       "Registers scans into one cloud and inspects clouds against a CAD model.\n"
       "Example: gantry-fusion register scans/*.ply --initial POSES.txt --out registered\n"
-      "         gantry-fusion inspect --cloud registered/merged.ply --reference part.stl --tolerance 0.2 --out inspected"};
+      "         gantry-fusion inspect --cloud registered/merged.ply --reference part.stl --tolerance 0.2 "
+      "--out inspected"};
   CommonOptions common;
   add_common_options(app, common);
   app.require_subcommand(1);
 
   RegisterOptions reg;
-  CLI::App* registering = app.add_subcommand("register", "Multi-view registration: writes poses.txt, merged.ply, registration.json");
-  registering->add_option("scans", reg.scans, "Scans: PLY (a range_grid makes it organised) or PCD")->required();
-  registering->add_option("--initial", reg.initial, "POSES.txt: a 4x4 world_from_scan in mm for each scan; otherwise each PCD's VIEWPOINT");
-  registering->add_option("--prior", reg.prior, "Standard deviation of the initial poses: MM,DEG; without it they may be up to 15 mm and 15 deg wrong")
+  CLI::App* registering = app.add_subcommand(
+      "register", "Multi-view registration: writes poses.txt, merged.ply, registration.json");
+  registering->add_option("scans", reg.scans, "Scans: PLY (a range_grid makes it organised) or PCD")
+      ->required();
+  registering->add_option(
+      "--initial", reg.initial,
+      "POSES.txt: a 4x4 world_from_scan in mm for each scan; otherwise each PCD's VIEWPOINT");
+  registering
+      ->add_option("--prior", reg.prior,
+                   "Standard deviation of the initial poses: MM,DEG; without it they may be up to 15 mm and "
+                   "15 deg wrong")
       ->delimiter(',')
       ->expected(2);
   registering->add_option("--method", reg.method, "refined-pose-graph")
       ->check(CLI::IsMember({"refined-pose-graph"}))
       ->capture_default_str();
-  registering->add_option("--voxel-size", reg.voxel_mm, "Cell of the merged cloud, mm; 0: 1.5 times the point spacing")
+  registering
+      ->add_option("--voxel-size", reg.voxel_mm,
+                   "Cell of the merged cloud, mm; 0: 1.5 times the point spacing")
       ->check(CLI::Range(0.0, 100.0));
-  registering->add_option("--edge-prune-threshold", reg.edge_prune_threshold_mm,
-                          "Pairs that disagree with the others by more are dropped, mm; 0: 0.5 mm")
+  registering
+      ->add_option("--edge-prune-threshold", reg.edge_prune_threshold_mm,
+                   "Pairs that disagree with the others by more are dropped, mm; 0: 0.5 mm")
       ->check(CLI::Range(0.0, 100.0));
-  registering->add_option("--unit", reg.unit, "Unit of the scan files: mm or m")->check(CLI::IsMember({"mm", "m"}))->capture_default_str();
+  registering->add_option("--unit", reg.unit, "Unit of the scan files: mm or m")
+      ->check(CLI::IsMember({"mm", "m"}))
+      ->capture_default_str();
   registering->add_option("--out", reg.out, "Folder for the results")->required();
   registering->add_flag("--json", reg.json, "Print the summary as JSON");
 
   InspectOptions ins;
-  CLI::App* inspecting = app.add_subcommand("inspect", "Signed deviation from a CAD model: verdict, report.html, deviations.ply");
+  CLI::App* inspecting = app.add_subcommand(
+      "inspect", "Signed deviation from a CAD model: verdict, report.html, deviations.ply");
   inspecting->add_option("--cloud", ins.cloud, "Point cloud (PLY or PCD)")->required();
   inspecting->add_option("--reference", ins.reference, "CAD model (STL, PLY, OBJ)")->required();
-  inspecting->add_option("--tolerance", ins.tolerance_mm, "Allowed deviation, +- mm")->required()->check(CLI::PositiveNumber);
-  inspecting->add_option("--align", ins.align, "none or best-fit")->check(CLI::IsMember({"none", "best-fit"}))->capture_default_str();
-  inspecting->add_option("--fixture", ins.fixture, "Mesh of what held the part, in the cloud's frame: it is not judged");
-  inspecting->add_option("--unit", ins.unit, "Unit of the cloud: mm or m")->check(CLI::IsMember({"mm", "m"}))->capture_default_str();
-  inspecting->add_option("--reference-unit", ins.reference_unit, "Unit of the reference: mm or m")->check(CLI::IsMember({"mm", "m"}))->capture_default_str();
+  inspecting->add_option("--tolerance", ins.tolerance_mm, "Allowed deviation, +- mm")
+      ->required()
+      ->check(CLI::PositiveNumber);
+  inspecting->add_option("--align", ins.align, "none or best-fit")
+      ->check(CLI::IsMember({"none", "best-fit"}))
+      ->capture_default_str();
+  inspecting->add_option("--fixture", ins.fixture,
+                         "Mesh of what held the part, in the cloud's frame: it is not judged");
+  inspecting->add_option("--unit", ins.unit, "Unit of the cloud: mm or m")
+      ->check(CLI::IsMember({"mm", "m"}))
+      ->capture_default_str();
+  inspecting->add_option("--reference-unit", ins.reference_unit, "Unit of the reference: mm or m")
+      ->check(CLI::IsMember({"mm", "m"}))
+      ->capture_default_str();
   inspecting->add_option("--out", ins.out, "Folder for the results")->required();
   inspecting->add_flag("--json", ins.json, "Print the summary as JSON");
 

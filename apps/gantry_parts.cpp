@@ -19,7 +19,8 @@ nlohmann::json truth_json(double threshold_mm) {
   truth["unit"] = "mm";
   truth["threshold_mm"] = threshold_mm;
   truth["definition"] =
-      "centre, extent (x, y, z) and area of the surface that deviates from the reference by more than threshold_mm; "
+      "centre, extent (x, y, z) and area of the surface that deviates from the reference by more than "
+      "threshold_mm; "
       "depth is the largest deviation";
   const auto vector = [](const Eigen::Vector3d& v) { return nlohmann::json::array({v.x(), v.y(), v.z()}); };
   for (const auto& defect : gantry::bracket_truth(gantry::seeded_defects(), threshold_mm)) {
@@ -35,12 +36,15 @@ nlohmann::json truth_json(double threshold_mm) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  CLI::App app{"Writes the demo parts: a sheet-metal bracket, the same with seeded defects and their truth, and its holder.\n"
-               "Example: gantry-parts --out examples/parts"};
+  CLI::App app{
+      "Writes the demo parts: a sheet-metal bracket, the same with seeded defects and their truth, and its "
+      "holder.\n"
+      "Example: gantry-parts --out examples/parts"};
   std::filesystem::path out;
   double threshold_mm = 0.2;
   app.add_option("--out", out, "Folder to write to")->required();
-  app.add_option("--threshold", threshold_mm, "Deviation above which surface counts as defective in the truth file, mm")
+  app.add_option("--threshold", threshold_mm,
+                 "Deviation above which surface counts as defective in the truth file, mm")
       ->capture_default_str();
   CLI11_PARSE(app, argc, argv);
   try {

@@ -15,7 +15,8 @@ namespace {
 
 using namespace gantry;
 
-std::vector<std::unique_ptr<ModbusDriveServer>> serve_drives(const Cell& cell, SimulatedWorld& world, Clock& clock) {
+std::vector<std::unique_ptr<ModbusDriveServer>> serve_drives(const Cell& cell, SimulatedWorld& world,
+                                                             Clock& clock) {
   std::map<std::pair<std::string, int>, std::unique_ptr<ModbusDriveServer>> servers;
   for (size_t i = 0; i < cell.axes.size(); ++i) {
     const DriveSettings& drive = cell.axes[i].drive;
@@ -27,7 +28,8 @@ std::vector<std::unique_ptr<ModbusDriveServer>> serve_drives(const Cell& cell, S
     TwinDriveConfig config;
     config.profile = drive.profile;
     config.unit = drive.unit;
-    if (drive.steps_per_revolution > 0) config.axis_units_per_count = 2 * std::numbers::pi / drive.steps_per_revolution;
+    if (drive.steps_per_revolution > 0)
+      config.axis_units_per_count = 2 * std::numbers::pi / drive.steps_per_revolution;
     server->add(config, world.stage(i));
   }
   std::vector<std::unique_ptr<ModbusDriveServer>> started;
@@ -66,7 +68,8 @@ int main(int argc, char** argv) {
   CLI::App app{
       "The digital twin: a simulated inspection cell that speaks the real protocols on loopback.\n"
       "Prints one line 'ready' when every server listens; stops at Ctrl-C.\n"
-      "Example: gantry-twin --cell examples/cells/twin.yaml --part examples/parts/bracket_defective.stl --seed 1"};
+      "Example: gantry-twin --cell examples/cells/twin.yaml --part examples/parts/bracket_defective.stl "
+      "--seed 1"};
   CommonOptions common;
   add_common_options(app, common);
   std::filesystem::path cell_path;
@@ -74,12 +77,14 @@ int main(int argc, char** argv) {
   uint64_t seed = 1;
   app.add_option("--cell", cell_path, "CELL.yaml with a simulation section")->required();
   app.add_option("--part", part, "Mesh that stands in the cell (mm); otherwise the one that CELL.yaml names");
-  app.add_option("--seed", seed, "Seed of every random number: the same seed gives the same scans")->capture_default_str();
+  app.add_option("--seed", seed, "Seed of every random number: the same seed gives the same scans")
+      ->capture_default_str();
   return run_app(app, argc, argv, common, [&] {
     install_stop_handler();
     const Cell cell = read_cell(cell_path);
     if (cell.scanner.kind != "genicam3d")
-      throw InputError(cell.file.string() + ": the twin serves a genicam3d scanner; this cell has kind '" + cell.scanner.kind + "'");
+      throw InputError(cell.file.string() + ": the twin serves a genicam3d scanner; this cell has kind '" +
+                       cell.scanner.kind + "'");
     SteadyClock clock;
     const std::unique_ptr<SimulatedWorld> world = make_world(cell, part, seed, clock);
     const auto drives = serve_drives(cell, *world, clock);

@@ -10,29 +10,32 @@
 namespace gantry {
 namespace {
 
-void print_summary(const InspectionResult& result, const InspectionOptions& options, const std::filesystem::path& report) {
+void print_summary(const InspectionResult& result, const InspectionOptions& options,
+                   const std::filesystem::path& report) {
   const DeviationStatistics& s = result.statistics;
   std::printf("\n%s  %s\n\n", std::string(to_string(result.verdict)).c_str(), result.reason.c_str());
-  std::printf("  deviation  mean %+.4f mm, sigma %.4f mm, %.2f %% of %zu points within ±%.3f mm\n", s.mean, s.sigma,
-              100 * s.within_tolerance, s.count, options.tolerance_mm);
+  std::printf("  deviation  mean %+.4f mm, sigma %.4f mm, %.2f %% of %zu points within ±%.3f mm\n", s.mean,
+              s.sigma, 100 * s.within_tolerance, s.count, options.tolerance_mm);
   std::printf("  coverage   %.1f %% of the CAD surface\n", 100 * result.coverage);
   if (options.align)
-    std::printf("  alignment  residual %.3f mm before, %.4f mm after best fit\n", result.alignment.rms_before_mm,
-                result.alignment.rms_after_mm);
+    std::printf("  alignment  residual %.3f mm before, %.4f mm after best fit\n",
+                result.alignment.rms_before_mm, result.alignment.rms_after_mm);
   if (!result.defects.empty()) {
-    std::printf("\n  defect       peak ± U (mm)   area (mm2)   centre x, y, z (mm)        extent x, y, z (mm)\n");
+    std::printf(
+        "\n  defect       peak ± U (mm)   area (mm2)   centre x, y, z (mm)        extent x, y, z (mm)\n");
     for (const Defect& d : result.defects)
-      std::printf("  %4d      %+8.3f ± %.3f   %10.1f   %7.2f %7.2f %7.2f   %7.2f %7.2f %7.2f\n", d.id, d.peak_mm,
-                  d.uncertainty_mm, d.area_mm2, d.centre_mm.x(), d.centre_mm.y(), d.centre_mm.z(), d.extent_mm.x(),
-                  d.extent_mm.y(), d.extent_mm.z());
+      std::printf("  %4d      %+8.3f ± %.3f   %10.1f   %7.2f %7.2f %7.2f   %7.2f %7.2f %7.2f\n", d.id,
+                  d.peak_mm, d.uncertainty_mm, d.area_mm2, d.centre_mm.x(), d.centre_mm.y(), d.centre_mm.z(),
+                  d.extent_mm.x(), d.extent_mm.y(), d.extent_mm.z());
   }
   std::printf("\n  report     %s\n", report.c_str());
 }
 
 }  // namespace
 
-ExitCode inspect_and_report(const PointCloud& cloud, const TriangleMesh& reference, const InspectionOptions& options,
-                            const Traceability& traceability, const std::filesystem::path& folder, bool json) {
+ExitCode inspect_and_report(const PointCloud& cloud, const TriangleMesh& reference,
+                            const InspectionOptions& options, const Traceability& traceability,
+                            const std::filesystem::path& folder, bool json) {
   const MeshTopology topology = analyse_topology(reference);
   if (!topology.watertight()) spdlog::warn("the reference mesh is {}", topology.text());
   const SignedDistance distance(reference);
@@ -40,7 +43,8 @@ ExitCode inspect_and_report(const PointCloud& cloud, const TriangleMesh& referen
   std::filesystem::create_directories(folder);
   const std::filesystem::path report = write_report(folder, result, distance, options, traceability);
   if (json) {
-    nlohmann::json out{{"verdict", to_string(result.verdict)}, {"reason", result.reason}, {"report", report.string()}};
+    nlohmann::json out{
+        {"verdict", to_string(result.verdict)}, {"reason", result.reason}, {"report", report.string()}};
     out["defects"] = nlohmann::json::array();
     for (const Defect& d : result.defects)
       out["defects"].push_back({{"id", d.id},
@@ -53,9 +57,12 @@ ExitCode inspect_and_report(const PointCloud& cloud, const TriangleMesh& referen
     print_summary(result, options, report);
   }
   switch (result.verdict) {
-    case Verdict::kPass: return ExitCode::kPass;
-    case Verdict::kFail: return ExitCode::kFail;
-    case Verdict::kUndecided: return ExitCode::kUndecided;
+    case Verdict::kPass:
+      return ExitCode::kPass;
+    case Verdict::kFail:
+      return ExitCode::kFail;
+    case Verdict::kUndecided:
+      return ExitCode::kUndecided;
   }
   return ExitCode::kUndecided;
 }

@@ -18,6 +18,8 @@ std::string sha256_of_file(const std::filesystem::path& path) {
   std::array<char, 1 << 16> block;
   while (file.read(block.data(), block.size()) || file.gcount() > 0)
     EVP_DigestUpdate(context.get(), block.data(), static_cast<size_t>(file.gcount()));
+  // A directory opens, and would pass for an empty file.
+  if (file.bad()) throw InputError(path.string() + ": cannot be read to its end");
   std::array<unsigned char, EVP_MAX_MD_SIZE> digest;
   unsigned int length = 0;
   EVP_DigestFinal_ex(context.get(), digest.data(), &length);

@@ -27,8 +27,13 @@ std::string shown(double value) {
 
 YAML::Node parse_or_throw(const std::string& text, const std::string& name) {
   try {
-    YAML::Node node = YAML::Load(text);
-    if (!node.IsMap()) throw InputError(name + ": expected a mapping (key: value) at the top, found " + shown(node));
+    const std::vector<YAML::Node> documents = YAML::LoadAll(text);
+    if (documents.size() > 1)
+      throw InputError(name + ":" + std::to_string(documents[1].Mark().line + 1) +
+                       ": expected one YAML document, found " + std::to_string(documents.size()));
+    YAML::Node node = documents.empty() ? YAML::Node() : documents.front();
+    if (!node.IsMap())
+      throw InputError(name + ": expected a mapping (key: value) at the top, found " + shown(node));
     return node;
   } catch (const YAML::Exception& e) {
     throw InputError(name + ":" + std::to_string(e.mark.line + 1) + ": not valid YAML: " + e.msg);
@@ -71,8 +76,8 @@ void StrictYaml::fail(const std::string& key, const std::string& message) const 
     if (entry.first.IsScalar() && entry.first.Scalar() == key) mark = entry.first.Mark();
   std::string where = path_;
   if (!key.empty()) where += (where.empty() ? "" : ".") + key;
-  throw InputError(file_.string() + ":" + std::to_string(mark.line + 1) + ": " + (where.empty() ? "" : where + ": ") +
-                   message);
+  throw InputError(file_.string() + ":" + std::to_string(mark.line + 1) + ": " +
+                   (where.empty() ? "" : where + ": ") + message);
 }
 
 YAML::Node StrictYaml::require(const std::string& key) {
@@ -87,11 +92,14 @@ double StrictYaml::to_number(const YAML::Node& node, const std::string& key, Ran
   if (!node.IsScalar() || !YAML::convert<double>::decode(node, value) || !std::isfinite(value))
     fail(key, "expected a number, found " + shown(node));
   if (value < range.min || value > range.max)
-    fail(key, "expected a number from " + shown(range.min) + " to " + shown(range.max) + ", found " + shown(value));
+    fail(key, "expected a number from " + shown(range.min) + " to " + shown(range.max) + ", found " +
+                  shown(value));
   return value;
 }
 
-double StrictYaml::number(const std::string& key, Range range) { return to_number(require(key), key, range); }
+double StrictYaml::number(const std::string& key, Range range) {
+  return to_number(require(key), key, range);
+}
 
 double StrictYaml::number_or(const std::string& key, double fallback, Range range) {
   return has(key) ? number(key, range) : fallback;
@@ -136,7 +144,9 @@ std::string StrictYaml::choice(const std::string& key, const std::vector<std::st
   fail(key, "expected one of " + list + "; found '" + value + "'");
 }
 
-double StrictYaml::angle_deg(const std::string& key, Range range_deg) { return number(key, range_deg) * kRadPerDeg; }
+double StrictYaml::angle_deg(const std::string& key, Range range_deg) {
+  return number(key, range_deg) * kRadPerDeg;
+}
 
 double StrictYaml::angle_deg_or(const std::string& key, double fallback_deg, Range range_deg) {
   return number_or(key, fallback_deg, range_deg) * kRadPerDeg;
@@ -152,7 +162,8 @@ std::vector<double> StrictYaml::numbers(const std::string& key) {
 
 Eigen::Vector3d StrictYaml::vector3(const std::string& key) {
   const std::vector<double> values = numbers(key);
-  if (values.size() != 3) fail(key, "expected three numbers [x, y, z], found " + std::to_string(values.size()));
+  if (values.size() != 3)
+    fail(key, "expected three numbers [x, y, z], found " + std::to_string(values.size()));
   return {values[0], values[1], values[2]};
 }
 
@@ -162,7 +173,8 @@ Eigen::Vector3d StrictYaml::vector3_or(const std::string& key, const Eigen::Vect
 
 Eigen::Vector2d StrictYaml::interval(const std::string& key) {
   const std::vector<double> values = numbers(key);
-  if (values.size() != 2) fail(key, "expected two numbers [lower, upper], found " + std::to_string(values.size()));
+  if (values.size() != 2)
+    fail(key, "expected two numbers [lower, upper], found " + std::to_string(values.size()));
   if (!(values[0] < values[1]))
     fail(key, "expected lower < upper, found [" + shown(values[0]) + ", " + shown(values[1]) + "]");
   return {values[0], values[1]};
@@ -188,17 +200,21 @@ std::vector<StrictYaml> StrictYaml::maps(const std::string& key, size_t min_size
   const YAML::Node node = require(key);
   if (!node.IsSequence()) fail(key, "expected a list, found " + shown(node));
   if (node.size() < min_size)
-    fail(key, "expected at least " + std::to_string(min_size) + " entries, found " + std::to_string(node.size()));
+    fail(key,
+         "expected at least " + std::to_string(min_size) + " entries, found " + std::to_string(node.size()));
   std::vector<StrictYaml> entries;
   for (size_t i = 0; i < node.size(); ++i) {
     if (!node[i].IsMap())
       fail(key, "entry " + std::to_string(i) + ": expected a mapping, found " + shown(node[i]));
-    entries.push_back(StrictYaml(node[i], file_, (path_.empty() ? key : path_ + "." + key) + "[" + std::to_string(i) + "]"));
+    entries.push_back(StrictYaml(node[i], file_,
+                                 (path_.empty() ? key : path_ + "." + key) + "[" + std::to_string(i) + "]"));
   }
   return entries;
 }
 
-void StrictYaml::leave_to_others(const std::string& key) { read_.insert(key); }
+void StrictYaml::leave_to_others(const std::string& key) {
+  read_.insert(key);
+}
 
 void StrictYaml::finish() const {
   for (const auto& entry : node_) {

@@ -47,7 +47,8 @@ void collect_residuals(const GicpTarget& target, const Pose& part_from_target, c
     thread_local std::vector<PointIndex::Neighbour> nearest;
     const size_t i = s * stride;
     const Eigen::Vector3f p = (target_from_source * source.cloud.points[i].cast<double>()).cast<float>();
-    const Eigen::Vector3f n = (target_from_source.linear() * source.cloud.normals[i].cast<double>()).cast<float>();
+    const Eigen::Vector3f n =
+        (target_from_source.linear() * source.cloud.normals[i].cast<double>()).cast<float>();
     target.index().nearest(p, 1, 2.0f, nearest);
     if (nearest.empty()) return;
     const uint32_t j = nearest[0].index;
@@ -81,9 +82,13 @@ struct Fusion::Impl {
   OverlapResidual overlap_residual(const std::vector<Pose>& poses, std::vector<double>* rms_of_scan) const;
 };
 
-Fusion::Fusion(FusionOptions options) : impl_(std::make_unique<Impl>()) { impl_->options = std::move(options); }
+Fusion::Fusion(FusionOptions options) : impl_(std::make_unique<Impl>()) {
+  impl_->options = std::move(options);
+}
 Fusion::~Fusion() = default;
-size_t Fusion::size() const { return impl_->surfaces.size(); }
+size_t Fusion::size() const {
+  return impl_->surfaces.size();
+}
 
 void Fusion::add(const TaggedScan& scan) {
   const Stopwatch preprocessing;
@@ -111,7 +116,8 @@ void Fusion::Impl::match_with_earlier(size_t source) {
     edge.predicted_overlap = overlap;
     GicpOptions gicp = options.gicp;
     gicp.max_distance_mm = std::clamp(3 * sigma_mm, 8 * a.spacing_mm, 20.0);
-    edge.match = register_pair(targets[target], b, a.part_from_sensor.mean.inverse() * b.part_from_sensor.mean, gicp);
+    edge.match =
+        register_pair(targets[target], b, a.part_from_sensor.mean.inverse() * b.part_from_sensor.mean, gicp);
     const auto prune = [&](const std::string& why) {
       edge.kept = false;
       edge.reason = why;
@@ -125,14 +131,17 @@ void Fusion::Impl::match_with_earlier(size_t source) {
   }
 }
 
-OverlapResidual Fusion::Impl::overlap_residual(const std::vector<Pose>& poses, std::vector<double>* rms_of_scan) const {
+OverlapResidual Fusion::Impl::overlap_residual(const std::vector<Pose>& poses,
+                                               std::vector<double>* rms_of_scan) const {
   std::vector<float> all;
   std::vector<std::vector<float>> of_scan(surfaces.size());
   for (const auto& edge : edges) {
     if (!edge.kept) continue;
     std::vector<float> pair;
-    collect_residuals(targets[edge.target], poses[edge.target], surfaces[edge.source], poses[edge.source], pair);
-    collect_residuals(targets[edge.source], poses[edge.source], surfaces[edge.target], poses[edge.target], pair);
+    collect_residuals(targets[edge.target], poses[edge.target], surfaces[edge.source], poses[edge.source],
+                      pair);
+    collect_residuals(targets[edge.source], poses[edge.source], surfaces[edge.target], poses[edge.target],
+                      pair);
     all.insert(all.end(), pair.begin(), pair.end());
     for (size_t s : {edge.target, edge.source}) of_scan[s].insert(of_scan[s].end(), pair.begin(), pair.end());
   }

@@ -42,7 +42,8 @@ std::vector<uint32_t> sample_by_normals(const PointCloud& cloud, size_t samples)
   return chosen;
 }
 
-/// A step of which the square, in units of the pose's own covariance, is below this changes nothing that is known.
+/// A step of which the square, in units of the pose's own covariance, is below this changes nothing that is
+/// known.
 constexpr double kInsignificantStep = 1e-3;
 /// Matches may flicker between equally near points for ever; within one standard deviation that is no harm.
 constexpr double kFlickerStep = 1.0;
@@ -64,8 +65,8 @@ Eigen::Matrix3d surface_covariance(const Eigen::Vector3d& normal, double sigma_m
 
 }  // namespace
 
-GicpResult register_pair(const GicpTarget& target, const ScanSurface& source, const Pose& initial_target_from_source,
-                         const GicpOptions& options) {
+GicpResult register_pair(const GicpTarget& target, const ScanSurface& source,
+                         const Pose& initial_target_from_source, const GicpOptions& options) {
   const ScanSurface& to = target.surface();
   const std::vector<uint32_t> samples = sample_by_normals(source.cloud, options.samples);
   const double end_mm =
@@ -100,7 +101,8 @@ GicpResult register_pair(const GicpTarget& target, const ScanSurface& source, co
         match.residual = to.cloud.points[j].cast<double>() - p;
         const double sigma_to = to.cloud.sigma_mm[j], sigma_from = source.cloud.sigma_mm[i];
         match.weight =
-            (surface_covariance(m, sigma_to, across_to) + surface_covariance(n, sigma_from, across_from)).inverse();
+            (surface_covariance(m, sigma_to, across_to) + surface_covariance(n, sigma_from, across_from))
+                .inverse();
         const Eigen::Vector3d common = (m + n).normalized();
         match.along_normal = common.dot(match.residual);
         match.sigma = std::hypot(sigma_to, sigma_from);

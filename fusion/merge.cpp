@@ -12,7 +12,9 @@ namespace {
 struct Entry {
   uint64_t cell;
   uint32_t scan, point;
-  bool operator<(const Entry& o) const { return std::tie(cell, scan, point) < std::tie(o.cell, o.scan, o.point); }
+  bool operator<(const Entry& o) const {
+    return std::tie(cell, scan, point) < std::tie(o.cell, o.scan, o.point);
+  }
 };
 
 }  // namespace
@@ -23,7 +25,8 @@ PointCloud merge_surfaces(const std::vector<ScanSurface>& surfaces, const std::v
   if (voxel_mm <= 0) {
     std::vector<double> spacings;
     for (const auto& s : surfaces) spacings.push_back(s.spacing_mm);
-    std::nth_element(spacings.begin(), spacings.begin() + static_cast<std::ptrdiff_t>(spacings.size() / 2), spacings.end());
+    std::nth_element(spacings.begin(), spacings.begin() + static_cast<std::ptrdiff_t>(spacings.size() / 2),
+                     spacings.end());
     voxel_mm = 1.5 * spacings[spacings.size() / 2];
   }
   if (voxel_used_mm) *voxel_used_mm = voxel_mm;
@@ -41,7 +44,8 @@ PointCloud merge_surfaces(const std::vector<ScanSurface>& surfaces, const std::v
       n.cwiseAbs().maxCoeff(&axis);
       uint64_t key = static_cast<uint64_t>(2 * axis + (n[axis] < 0));
       for (int k = 0; k < 3; ++k)
-        key = key << 20 | (static_cast<uint64_t>(static_cast<int64_t>(std::floor(p[k])) + (1 << 19)) & 0xFFFFF);
+        key =
+            key << 20 | (static_cast<uint64_t>(static_cast<int64_t>(std::floor(p[k])) + (1 << 19)) & 0xFFFFF);
       entries[offset[s] + i] = {key, static_cast<uint32_t>(s), static_cast<uint32_t>(i)};
     });
   }
@@ -54,8 +58,9 @@ PointCloud merge_surfaces(const std::vector<ScanSurface>& surfaces, const std::v
   begins.push_back(entries.size());
   const size_t cells = begins.size() - 1;
   const auto measurements_in = [&](uint64_t cell) -> size_t {
-    const auto found = std::lower_bound(begins.begin(), begins.end() - 1, cell,
-                                        [&](size_t begin, uint64_t key) { return entries[begin].cell < key; });
+    const auto found =
+        std::lower_bound(begins.begin(), begins.end() - 1, cell,
+                         [&](size_t begin, uint64_t key) { return entries[begin].cell < key; });
     return found != begins.end() - 1 && entries[*found].cell == cell ? *(found + 1) - *found : 0;
   };
   std::vector<unsigned char> supported(cells, 0);
@@ -66,7 +71,8 @@ PointCloud merge_surfaces(const std::vector<ScanSurface>& surfaces, const std::v
       for (int64_t dy = -1; dy <= 1; ++dy)
         for (int64_t dz = -1; dz <= 1; ++dz)
           if (dx != 0 || dy != 0 || dz != 0)
-            support += measurements_in(cell + static_cast<uint64_t>((dx * (int64_t{1} << 40)) + (dy * (1 << 20)) + dz));
+            support += measurements_in(
+                cell + static_cast<uint64_t>((dx * (int64_t{1} << 40)) + (dy * (1 << 20)) + dz));
     supported[c] = support >= options.min_support;
   });
 

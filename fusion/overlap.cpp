@@ -7,7 +7,8 @@
 namespace gantry {
 namespace {
 
-/// Sorted keys of the occupied cells: position, and which of the six main directions the normal is nearest to.
+/// Sorted keys of the occupied cells: position, and which of the six main directions the normal is nearest
+/// to.
 std::vector<uint64_t> occupied_cells(const ScanSurface& surface, double cell_mm) {
   std::vector<uint64_t> cells;
   const Pose& pose = surface.part_from_sensor.mean;

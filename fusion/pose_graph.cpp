@@ -17,7 +17,8 @@ using State = std::array<double, 6>;
 Pose corrected(const Pose& base, const State& x) {
   Pose pose = Pose::Identity();
   pose.linear() = rotation_exp({x[0], x[1], x[2]}) * base.linear();
-  pose.translation() = rotation_exp({x[0], x[1], x[2]}) * base.translation() + Eigen::Vector3d(x[3], x[4], x[5]);
+  pose.translation() =
+      rotation_exp({x[0], x[1], x[2]}) * base.translation() + Eigen::Vector3d(x[3], x[4], x[5]);
   return pose;
 }
 
@@ -50,14 +51,16 @@ Rigid<T> corrected_rigid(const Pose& base, const T* x) {
 
 /// residual = sqrt_information * error, where exp(error) * measured = actual (first order).
 template <typename T>
-void weighted_error(const Rigid<T>& actual, const Pose& measured, const Matrix6d& sqrt_information, T* residual) {
+void weighted_error(const Rigid<T>& actual, const Pose& measured, const Matrix6d& sqrt_information,
+                    T* residual) {
   const Eigen::Quaterniond mq(measured.linear());
   const T conjugate[4] = {T(mq.w()), T(-mq.x()), T(-mq.y()), T(-mq.z())};
   T dq[4];
   ceres::QuaternionProduct(actual.quaternion, conjugate, dq);
   T rotation[3];
   ceres::QuaternionToAngleAxis(dq, rotation);
-  const T t[3] = {T(measured.translation().x()), T(measured.translation().y()), T(measured.translation().z())};
+  const T t[3] = {T(measured.translation().x()), T(measured.translation().y()),
+                  T(measured.translation().z())};
   T moved[3];
   ceres::UnitQuaternionRotatePoint(dq, t, moved);
   T error[6];
@@ -102,8 +105,10 @@ struct PriorError {
 
 }  // namespace
 
-PoseGraphResult optimise_pose_graph(const std::vector<UncertainPose>& tagged, std::vector<PoseGraphEdge>& edges,
-                                    const std::vector<Eigen::Vector3d>& centres, const PoseGraphOptions& options) {
+PoseGraphResult optimise_pose_graph(const std::vector<UncertainPose>& tagged,
+                                    std::vector<PoseGraphEdge>& edges,
+                                    const std::vector<Eigen::Vector3d>& centres,
+                                    const PoseGraphOptions& options) {
   const size_t n = tagged.size();
   PoseGraphResult result;
   result.part_from_sensor = tagged;
@@ -120,9 +125,10 @@ PoseGraphResult optimise_pose_graph(const std::vector<UncertainPose>& tagged, st
     for (size_t i = 0; i < n; ++i) {
       problem.AddParameterBlock(x[i].data(), 6);
       if (i == 0) continue;
-      // What both share with the gauge cancels in relative poses; keeping it makes the prior weaker, not wrong.
-      const Matrix6d information = (tagged[i].covariance() + tagged[0].covariance() +
-                                    1e-12 * Matrix6d::Identity()).inverse();
+      // What both share with the gauge cancels in relative poses; keeping it makes the prior weaker, not
+      // wrong.
+      const Matrix6d information =
+          (tagged[i].covariance() + tagged[0].covariance() + 1e-12 * Matrix6d::Identity()).inverse();
       problem.AddResidualBlock(new ceres::AutoDiffCostFunction<PriorError, 6, 6>(
                                    new PriorError{base[i], tagged[i].mean, square_root(information)}),
                                nullptr, x[i].data());

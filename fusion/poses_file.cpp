@@ -11,7 +11,8 @@ namespace gantry {
 
 std::vector<Pose> read_poses(const std::filesystem::path& path, size_t expected) {
   std::ifstream file(path);
-  if (!file || std::filesystem::is_directory(path)) throw InputError(path.string() + ": cannot be opened for reading");
+  if (!file || std::filesystem::is_directory(path))
+    throw InputError(path.string() + ": cannot be opened for reading");
   std::vector<Pose> poses;
   Eigen::Matrix4d matrix;
   int row = 0, line_number = 0;
@@ -33,7 +34,8 @@ std::vector<Pose> read_poses(const std::filesystem::path& path, size_t expected)
     const Eigen::Matrix3d r = matrix.topLeftCorner<3, 3>();
     if ((r * r.transpose() - Eigen::Matrix3d::Identity()).norm() > 1e-3 || r.determinant() < 0)
       fail("this 4x4 is not rigid: its upper left 3x3 is not a rotation");
-    if ((matrix.row(3) - Eigen::RowVector4d(0, 0, 0, 1)).norm() > 1e-9) fail("expected '0 0 0 1' as the fourth row");
+    if ((matrix.row(3) - Eigen::RowVector4d(0, 0, 0, 1)).norm() > 1e-9)
+      fail("expected '0 0 0 1' as the fourth row");
     Pose pose = Pose::Identity();
     pose.linear() = Eigen::Quaterniond(r).normalized().toRotationMatrix();
     pose.translation() = matrix.topRightCorner<3, 1>();
@@ -52,7 +54,8 @@ void write_poses(const std::filesystem::path& path, const std::vector<Pose>& pos
   char text[128];
   for (const Pose& pose : poses) {
     for (int row = 0; row < 4; ++row) {
-      std::snprintf(text, sizeof text, "%.17g %.17g %.17g %.17g\n", pose(row, 0), pose(row, 1), pose(row, 2), pose(row, 3));
+      std::snprintf(text, sizeof text, "%.17g %.17g %.17g %.17g\n", pose(row, 0), pose(row, 1), pose(row, 2),
+                    pose(row, 3));
       file << text;
     }
     file << "\n";

@@ -60,7 +60,8 @@ struct Work {
   explicit Work(size_t n) : normal(n, Eigen::Vector3f::Zero()), rms(n, 0), keep(n, 0), rim(n, 0) {}
 };
 
-std::vector<unsigned char> crop(const TaggedScan& tagged, const PreprocessOptions& options, ScanSurface& out) {
+std::vector<unsigned char> crop(const TaggedScan& tagged, const PreprocessOptions& options,
+                                ScanSurface& out) {
   const Scan& scan = tagged.scan;
   std::vector<unsigned char> valid(scan.points.size(), 0);
   const Pose& pose = tagged.part_from_sensor.mean;
@@ -91,12 +92,14 @@ double grid_spacing(const Scan& scan, const std::vector<unsigned char>& valid) {
 /// Least-squares fit of a quantity of each point (a 3-vector) that should be linear in column and row;
 /// returns the covariance of what is left over and, by `spread`, that of the quantity itself.
 template <typename Quantity>
-Eigen::Matrix3d left_over_by_linear_fit(const Scan& scan, const Work& work, Quantity&& quantity, Eigen::Matrix3d& spread) {
+Eigen::Matrix3d left_over_by_linear_fit(const Scan& scan, const Work& work, Quantity&& quantity,
+                                        Eigen::Matrix3d& spread) {
   const auto each_point = [&](auto&& visit) {
     for (int row = 0; row < scan.height; ++row)
       for (int column = 0; column < scan.width; ++column)
         if (const size_t i = scan.index(column, row); work.keep[i])
-          visit(Eigen::Vector3d(1, static_cast<double>(column) / scan.width, static_cast<double>(row) / scan.height),
+          visit(Eigen::Vector3d(1, static_cast<double>(column) / scan.width,
+                                static_cast<double>(row) / scan.height),
                 Eigen::Vector3d(quantity(Eigen::Vector3d(scan.points[i].cast<double>()))));
   };
   Eigen::Matrix3d normal = Eigen::Matrix3d::Zero(), right = Eigen::Matrix3d::Zero();
@@ -121,7 +124,8 @@ Eigen::Matrix3d left_over_by_linear_fit(const Scan& scan, const Work& work, Quan
 bool rays_meet_at_origin(const Scan& scan, const Work& work) {
   Eigen::Matrix3d spread;
   const Eigen::Matrix3d left_over = left_over_by_linear_fit(
-      scan, work, [](const Eigen::Vector3d& p) { return Eigen::Vector3d(p.x() / p.z(), p.y() / p.z(), 0); }, spread);
+      scan, work, [](const Eigen::Vector3d& p) { return Eigen::Vector3d(p.x() / p.z(), p.y() / p.z(), 0); },
+      spread);
   return left_over.trace() < 1e-3 * spread.trace();
 }
 
@@ -130,8 +134,8 @@ bool rays_meet_at_origin(const Scan& scan, const Work& work) {
 /// Sign unknown.
 Eigen::Vector3d parallel_ray_direction(const Scan& scan, const Work& work) {
   Eigen::Matrix3d spread;
-  const Eigen::Matrix3d left_over =
-      left_over_by_linear_fit(scan, work, [](const Eigen::Vector3d& p) { return p; }, spread);
+  const Eigen::Matrix3d left_over = left_over_by_linear_fit(
+      scan, work, [](const Eigen::Vector3d& p) { return p; }, spread);
   return Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(left_over).eigenvectors().col(2);
 }
 
@@ -147,7 +151,8 @@ void orient(const Scan& scan, Work& work) {
       for (int column = 0; column + 1 < scan.width; ++column) {
         const size_t i = scan.index(column, row), right = i + 1, below = scan.index(column, row + 1);
         if (!work.keep[i] || !work.keep[right] || !work.keep[below]) continue;
-        outwards += (scan.points[below] - scan.points[i]).cross(scan.points[right] - scan.points[i]).cast<double>();
+        outwards +=
+            (scan.points[below] - scan.points[i]).cross(scan.points[right] - scan.points[i]).cast<double>();
       }
     }
     back_along_rays = parallel_ray_direction(scan, work);
@@ -155,8 +160,8 @@ void orient(const Scan& scan, Work& work) {
   }
   for (size_t i = 0; i < work.normal.size(); ++i) {
     if (!work.keep[i]) continue;
-    const Eigen::Vector3f to_sensor =
-        sensor_at_origin ? Eigen::Vector3f(-scan.points[i].stableNormalized()) : back_along_rays.cast<float>().eval();
+    const Eigen::Vector3f to_sensor = sensor_at_origin ? Eigen::Vector3f(-scan.points[i].stableNormalized())
+                                                       : back_along_rays.cast<float>().eval();
     const float cosine = work.normal[i].dot(to_sensor);
     if (cosine < 0) work.normal[i] *= -1;
     if (std::abs(cosine) < kGrazingCosine) work.keep[i] = 0;
@@ -228,8 +233,8 @@ void work_on_grid(const Scan& scan, const std::vector<unsigned char>& valid, con
   orient(scan, work);
 }
 
-void work_on_neighbours(const Scan& scan, const std::vector<unsigned char>& valid, const PreprocessOptions& options,
-                        ScanSurface& out, Work& work) {
+void work_on_neighbours(const Scan& scan, const std::vector<unsigned char>& valid,
+                        const PreprocessOptions& options, ScanSurface& out, Work& work) {
   std::vector<Eigen::Vector3f> points;
   std::vector<size_t> origin;
   for (size_t i = 0; i < valid.size(); ++i) {
@@ -312,8 +317,9 @@ ScanSurface preprocess(const TaggedScan& tagged, const PreprocessOptions& option
   if (out.cloud.size() < kMinPoints)
     throw InputError("scan " + tagged.name + ": only " + std::to_string(out.cloud.size()) + " of " +
                      std::to_string(out.measured) + " measured points are left after cropping (" +
-                     std::to_string(out.dropped_crop) + " outside the part's volume) and filtering; at least " +
-                     std::to_string(kMinPoints) + " are needed");
+                     std::to_string(out.dropped_crop) +
+                     " outside the part's volume) and filtering; at least " + std::to_string(kMinPoints) +
+                     " are needed");
   return out;
 }
 

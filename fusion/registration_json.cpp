@@ -69,8 +69,11 @@ void write_registration(const std::filesystem::path& folder, const FusionResult&
                              {"kept", edge.kept},
                              {"reason", edge.reason}});
   }
-  json["overlap_rms_mm"] = {{"before", result.before.rms_mm}, {"after", result.after.rms_mm}, {"matches", result.after.matches}};
-  json["merged"] = {{"points", result.merged.size()}, {"voxel_mm", result.voxel_mm}, {"normals_flipped", result.normals_flipped}};
+  json["overlap_rms_mm"] = {
+      {"before", result.before.rms_mm}, {"after", result.after.rms_mm}, {"matches", result.after.matches}};
+  json["merged"] = {{"points", result.merged.size()},
+                    {"voxel_mm", result.voxel_mm},
+                    {"normals_flipped", result.normals_flipped}};
   for (const auto& [stage, seconds] : result.timings_s) json["timings_s"][stage] = seconds;
   rusage usage{};
   getrusage(RUSAGE_SELF, &usage);

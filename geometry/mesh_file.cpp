@@ -9,7 +9,9 @@
 #include <cmath>
 #include <numeric>
 
+#include "file_guard.h"
 #include "gantry/foundation/error.h"
+#include "ply_mesh.h"
 
 namespace gantry {
 namespace {
@@ -42,11 +44,9 @@ TriangleMesh joined(const TriangleMesh& soup) {
   return mesh;
 }
 
-}  // namespace
-
-TriangleMesh read_mesh(const std::filesystem::path& path, double unit_mm) {
+/// All meshes of the file one after the other, in the file's unit.
+TriangleMesh read_by_assimp(const std::filesystem::path& path) {
   const std::string name = path.string();
-  if (!std::filesystem::is_regular_file(path)) throw InputError(name + ": no such file");
   Assimp::Importer importer;
   const aiScene* scene = nullptr;
   try {
@@ -55,25 +55,39 @@ TriangleMesh read_mesh(const std::filesystem::path& path, double unit_mm) {
     throw InputError(name + ": not a readable mesh: " + e.what());
   }
   if (!scene) throw InputError(name + ": not a readable mesh: " + importer.GetErrorString());
-
   TriangleMesh soup;
   for (unsigned m = 0; m < scene->mNumMeshes; ++m) {
     const aiMesh& part = *scene->mMeshes[m];
     const int offset = static_cast<int>(soup.vertices.size());
-    for (unsigned i = 0; i < part.mNumVertices; ++i) {
-      const aiVector3D& v = part.mVertices[i];
-      if (!std::isfinite(v.x) || !std::isfinite(v.y) || !std::isfinite(v.z))
-        throw InputError(name + ": vertex " + std::to_string(i) + " has a coordinate that is not a finite number");
-      soup.vertices.push_back((Eigen::Vector3d(v.x, v.y, v.z) * unit_mm).cast<float>());
-    }
+    for (unsigned i = 0; i < part.mNumVertices; ++i)
+      soup.vertices.emplace_back(part.mVertices[i].x, part.mVertices[i].y, part.mVertices[i].z);
     for (unsigned f = 0; f < part.mNumFaces; ++f) {
       const aiFace& face = part.mFaces[f];
       if (face.mNumIndices != 3) continue;  // points and lines that some exporters add
-      Eigen::Vector3i tri(face.mIndices[0], face.mIndices[1], face.mIndices[2]);
-      if (tri.minCoeff() < 0 || tri.maxCoeff() >= static_cast<int>(part.mNumVertices))
-        throw InputError(name + ": triangle " + std::to_string(f) + " refers to a vertex that does not exist");
+      const Eigen::Vector3i tri(face.mIndices[0], face.mIndices[1], face.mIndices[2]);
       soup.triangles.push_back(tri + Eigen::Vector3i::Constant(offset));
     }
+  }
+  return soup;
+}
+
+}  // namespace
+
+TriangleMesh read_mesh(const std::filesystem::path& path, double unit_mm) {
+  const std::string name = path.string();
+  if (!std::filesystem::is_regular_file(path)) throw InputError(name + ": no such file");
+  TriangleMesh soup = path.extension() == ".ply" ? internal::read_ply_triangles(path) : read_by_assimp(path);
+  for (size_t i = 0; i < soup.vertices.size(); ++i) {
+    Eigen::Vector3f& v = soup.vertices[i];
+    v = (v.cast<double>() * unit_mm).cast<float>();
+    if (!v.allFinite())
+      throw InputError(name + ": vertex " + std::to_string(i) +
+                       " has a coordinate that is not a finite number");
+  }
+  for (size_t t = 0; t < soup.triangles.size(); ++t) {
+    const Eigen::Vector3i& tri = soup.triangles[t];
+    if (tri.minCoeff() < 0 || tri.maxCoeff() >= static_cast<int>(soup.vertices.size()))
+      throw InputError(name + ": triangle " + std::to_string(t) + " refers to a vertex that does not exist");
   }
   TriangleMesh mesh = joined(soup);
   if (mesh.triangles.empty()) throw InputError(name + ": holds no triangles");
@@ -112,7 +126,7 @@ void write_mesh(const std::filesystem::path& path, const TriangleMesh& mesh) {
   const char* format = extension == ".stl" ? "stlb" : "plyb";
   if (exporter.Export(&scene, format, partial.string()) != AI_SUCCESS)
     throw InputError(path.string() + ": cannot be written: " + exporter.GetErrorString());
-  std::filesystem::rename(partial, path);
+  internal::publish(partial, path);
 }
 
 }  // namespace gantry

@@ -41,8 +41,10 @@ std::string MeshTopology::text() const {
   std::string out = watertight() ? "watertight" : "not watertight:";
   if (boundary_edges) out += " " + std::to_string(boundary_edges) + " boundary edges,";
   if (nonmanifold_edges) out += " " + std::to_string(nonmanifold_edges) + " non-manifold edges,";
-  if (inconsistent_edges) out += " " + std::to_string(inconsistent_edges) + " edges with a flipped neighbour,";
-  if (degenerate_triangles) out += (watertight() ? ", " : " ") + std::to_string(degenerate_triangles) + " degenerate triangles,";
+  if (inconsistent_edges)
+    out += " " + std::to_string(inconsistent_edges) + " edges with a flipped neighbour,";
+  if (degenerate_triangles)
+    out += (watertight() ? ", " : " ") + std::to_string(degenerate_triangles) + " degenerate triangles,";
   if (out.back() == ',') out.pop_back();
   return out;
 }

@@ -1,24 +1,23 @@
 #include "pcl_blob.h"
 
-#include <fcntl.h>
 #include <pcl/console/print.h>
 #include <pcl/io/pcd_io.h>
 #include <pcl/io/ply_io.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <cstring>
 
+#include "file_guard.h"
 #include "gantry/foundation/error.h"
 
 namespace gantry::internal {
 
 PclBlob read_blob(const std::filesystem::path& path) {
   const std::string name = path.string();
-  if (!std::filesystem::is_regular_file(path)) throw InputError(name + ": no such file");
   const std::string extension = path.extension().string();
   if (extension != ".ply" && extension != ".pcd")
     throw InputError(name + ": point clouds are read from .ply or .pcd, not '" + extension + "'");
+  require_header(path, extension == ".ply" ? "end_header" : "DATA");
   // PCL reports to the console on its own; our message below says the same once.
   pcl::console::setVerbosityLevel(pcl::console::L_ALWAYS);
   PclBlob blob;
@@ -33,7 +32,8 @@ PclBlob read_blob(const std::filesystem::path& path) {
   } catch (const std::exception& e) {
     throw InputError(name + ": not a readable " + extension.substr(1) + " file: " + e.what());
   }
-  if (status < 0) throw InputError(name + ": not a readable " + extension.substr(1) + " file (broken or truncated)");
+  if (status < 0)
+    throw InputError(name + ": not a readable " + extension.substr(1) + " file (broken or truncated)");
   const size_t count = static_cast<size_t>(blob.cloud.width) * blob.cloud.height;
   if (count == 0) throw InputError(name + ": holds no points");
   if (blob.cloud.data.size() < count * blob.cloud.point_step)
@@ -48,9 +48,11 @@ bool has_field(const PclBlob& blob, const std::string& field) {
                      [&](const auto& each) { return each.name == field; });
 }
 
-std::vector<float> field_values(const PclBlob& blob, const std::string& field, const std::filesystem::path& path) {
+std::vector<float> field_values(const PclBlob& blob, const std::string& field,
+                                const std::filesystem::path& path) {
   const auto& fields = blob.cloud.fields;
-  const auto found = std::find_if(fields.begin(), fields.end(), [&](const auto& each) { return each.name == field; });
+  const auto found =
+      std::find_if(fields.begin(), fields.end(), [&](const auto& each) { return each.name == field; });
   if (found == fields.end()) throw InputError(path.string() + ": points have no field '" + field + "'");
   const size_t count = static_cast<size_t>(blob.cloud.width) * blob.cloud.height;
   std::vector<float> values(count);
@@ -90,18 +92,6 @@ pcl::PCLPointCloud2 make_blob(size_t width, size_t height, const std::vector<std
 
 void set_value(pcl::PCLPointCloud2& cloud, size_t point, size_t field, float value) {
   std::memcpy(cloud.data.data() + point * cloud.point_step + field * sizeof(float), &value, sizeof(float));
-}
-
-void publish(const std::filesystem::path& partial, const std::filesystem::path& path) {
-  const auto sync = [](const std::filesystem::path& what) {
-    const int fd = ::open(what.c_str(), O_RDONLY);
-    const bool ok = fd >= 0 && ::fsync(fd) == 0;
-    if (fd >= 0) ::close(fd);
-    if (!ok) throw InputError(what.string() + ": cannot be synced to disk: " + std::strerror(errno));
-  };
-  sync(partial);
-  std::filesystem::rename(partial, path);
-  sync(path.has_parent_path() ? path.parent_path() : std::filesystem::path("."));
 }
 
 }  // namespace gantry::internal

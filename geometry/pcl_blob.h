@@ -19,14 +19,12 @@ struct PclBlob {
 PclBlob read_blob(const std::filesystem::path& path);
 
 /// The named field of every point as float; throws InputError if it has another type.
-std::vector<float> field_values(const PclBlob& blob, const std::string& field, const std::filesystem::path& path);
+std::vector<float> field_values(const PclBlob& blob, const std::string& field,
+                                const std::filesystem::path& path);
 bool has_field(const PclBlob& blob, const std::string& field);
 
 /// An empty blob of `count` points with the given float fields, and access to one of its values.
 pcl::PCLPointCloud2 make_blob(size_t width, size_t height, const std::vector<std::string>& fields);
 void set_value(pcl::PCLPointCloud2& cloud, size_t point, size_t field, float value);
-
-/// fsyncs `partial`, renames it to `path`, and fsyncs the folder: after that the file survives a power cut.
-void publish(const std::filesystem::path& partial, const std::filesystem::path& path);
 
 }  // namespace gantry::internal

@@ -4,6 +4,7 @@
 
 #include <cmath>
 
+#include "file_guard.h"
 #include "gantry/foundation/error.h"
 #include "pcl_blob.h"
 
@@ -22,6 +23,8 @@ PointCloud read_point_cloud(const std::filesystem::path& path, double unit_mm, s
     ny = internal::field_values(blob, "normal_y", path);
     nz = internal::field_values(blob, "normal_z", path);
   }
+  std::vector<float> sigma;
+  if (internal::has_field(blob, "sigma")) sigma = internal::field_values(blob, "sigma", path);
   PointCloud cloud;
   size_t bad = 0;
   for (size_t i = 0; i < x.size(); ++i) {
@@ -31,6 +34,7 @@ PointCloud read_point_cloud(const std::filesystem::path& path, double unit_mm, s
     }
     cloud.points.push_back((Eigen::Vector3d(x[i], y[i], z[i]) * unit_mm).cast<float>());
     if (normals) cloud.normals.push_back(Eigen::Vector3f(nx[i], ny[i], nz[i]).stableNormalized());
+    if (!sigma.empty()) cloud.sigma_mm.push_back(static_cast<float>(sigma[i] * unit_mm));
   }
   if (cloud.points.empty()) throw InputError(path.string() + ": holds no finite point");
   if (bad > 0 && !dropped)

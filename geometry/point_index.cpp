@@ -16,7 +16,8 @@ struct Adaptor {
   }
 };
 
-using Tree = nanoflann::KDTreeSingleIndexAdaptor<nanoflann::L2_Simple_Adaptor<float, Adaptor>, Adaptor, 3, uint32_t>;
+using Tree =
+    nanoflann::KDTreeSingleIndexAdaptor<nanoflann::L2_Simple_Adaptor<float, Adaptor>, Adaptor, 3, uint32_t>;
 
 }  // namespace
 
@@ -34,7 +35,8 @@ PointIndex::~PointIndex() = default;
 PointIndex::PointIndex(PointIndex&&) noexcept = default;
 PointIndex& PointIndex::operator=(PointIndex&&) noexcept = default;
 
-void PointIndex::nearest(const Eigen::Vector3f& query, size_t k, float max_distance, std::vector<Neighbour>& out) const {
+void PointIndex::nearest(const Eigen::Vector3f& query, size_t k, float max_distance,
+                         std::vector<Neighbour>& out) const {
   out.clear();
   if (impl_->adaptor.points.empty() || k == 0) return;
   thread_local std::vector<uint32_t> indices;

@@ -88,7 +88,9 @@ double rotation_distance(const Pose& a, const Pose& b) {
   return rotation_log(a.linear().transpose() * b.linear()).norm();
 }
 
-double translation_distance(const Pose& a, const Pose& b) { return (a.translation() - b.translation()).norm(); }
+double translation_distance(const Pose& a, const Pose& b) {
+  return (a.translation() - b.translation()).norm();
+}
 
 double point_sigma_mm(const Matrix6d& covariance, const Eigen::Vector3d& point) {
   Eigen::Matrix<double, 3, 6> jacobian;

@@ -11,27 +11,28 @@ namespace {
 
 using Feature = RayScene::Feature;
 
-/// Closest point of a triangle and the feature it lies on (Ericson, Real-Time Collision Detection, 5.1.5).
-Eigen::Vector3f closest_on_triangle(const Eigen::Vector3f& p, const Eigen::Vector3f& a, const Eigen::Vector3f& b,
-                                    const Eigen::Vector3f& c, Feature& feature) {
-  const Eigen::Vector3f ab = b - a, ac = c - a, ap = p - a;
-  const float d1 = ab.dot(ap), d2 = ac.dot(ap);
+/// Closest point of a triangle and the feature it lies on (Ericson, Real-Time Collision Detection,
+/// 5.1.5). In double: the products for a long thin triangle cost float several of its seven digits.
+Eigen::Vector3d closest_on_triangle(const Eigen::Vector3d& p, const Eigen::Vector3d& a,
+                                    const Eigen::Vector3d& b, const Eigen::Vector3d& c, Feature& feature) {
+  const Eigen::Vector3d ab = b - a, ac = c - a, ap = p - a;
+  const double d1 = ab.dot(ap), d2 = ac.dot(ap);
   if (d1 <= 0 && d2 <= 0) return feature = Feature::kVertex0, a;
-  const Eigen::Vector3f bp = p - b;
-  const float d3 = ab.dot(bp), d4 = ac.dot(bp);
+  const Eigen::Vector3d bp = p - b;
+  const double d3 = ab.dot(bp), d4 = ac.dot(bp);
   if (d3 >= 0 && d4 <= d3) return feature = Feature::kVertex1, b;
-  const float vc = d1 * d4 - d3 * d2;
+  const double vc = d1 * d4 - d3 * d2;
   if (vc <= 0 && d1 >= 0 && d3 <= 0) return feature = Feature::kEdge01, a + d1 / (d1 - d3) * ab;
-  const Eigen::Vector3f cp = p - c;
-  const float d5 = ab.dot(cp), d6 = ac.dot(cp);
+  const Eigen::Vector3d cp = p - c;
+  const double d5 = ab.dot(cp), d6 = ac.dot(cp);
   if (d6 >= 0 && d5 <= d6) return feature = Feature::kVertex2, c;
-  const float vb = d5 * d2 - d1 * d6;
+  const double vb = d5 * d2 - d1 * d6;
   if (vb <= 0 && d2 >= 0 && d6 <= 0) return feature = Feature::kEdge20, a + d2 / (d2 - d6) * ac;
-  const float va = d3 * d6 - d5 * d4;
+  const double va = d3 * d6 - d5 * d4;
   if (va <= 0 && d4 - d3 >= 0 && d5 - d6 >= 0) {
     return feature = Feature::kEdge12, b + (d4 - d3) / ((d4 - d3) + (d5 - d6)) * (c - b);
   }
-  const float denominator = 1.0f / (va + vb + vc);
+  const double denominator = 1.0 / (va + vb + vc);
   return feature = Feature::kFace, a + ab * (vb * denominator) + ac * (vc * denominator);
 }
 
@@ -41,7 +42,7 @@ struct QueryState {
   Eigen::Vector3f point;
   Eigen::Vector3f direction = Eigen::Vector3f::Zero();
   float min_cosine = -2.0f;
-  float best_squared;
+  double best_squared;
   RayScene::Closest best{};
   bool found = false;
 };
@@ -49,19 +50,23 @@ struct QueryState {
 bool visit_triangle(RTCPointQueryFunctionArguments* args) {
   auto& state = *static_cast<QueryState*>(args->userPtr);
   if (state.normals && (*state.normals)[args->primID].dot(state.direction) < state.min_cosine) return false;
-  const Eigen::Vector3i& tri = state.mesh->triangles[args->primID];
+  const TriangleMesh& mesh = *state.mesh;
+  const Eigen::Vector3i& tri = mesh.triangles[args->primID];
+  const Eigen::Vector3d p = state.point.cast<double>();
   Feature feature;
-  const Eigen::Vector3f q = closest_on_triangle(state.point, state.mesh->vertices[tri[0]], state.mesh->vertices[tri[1]],
-                                                state.mesh->vertices[tri[2]], feature);
-  const float squared = (q - state.point).squaredNorm();
+  const Eigen::Vector3d q =
+      closest_on_triangle(p, mesh.vertices[tri[0]].cast<double>(), mesh.vertices[tri[1]].cast<double>(),
+                          mesh.vertices[tri[2]].cast<double>(), feature);
+  const double squared = (q - p).squaredNorm();
   const int id = static_cast<int>(args->primID);
   // Ties go to the lower triangle, so that the answer does not depend on the order of the visit.
-  if (squared > state.best_squared || (state.found && squared == state.best_squared && id > state.best.triangle))
+  if (squared > state.best_squared ||
+      (state.found && squared == state.best_squared && id > state.best.triangle))
     return false;
   state.best_squared = squared;
-  state.best = {q, 0.0f, id, feature};
+  state.best = {q.cast<float>(), 0.0f, id, feature};
   state.found = true;
-  args->query->radius = std::nextafter(std::sqrt(squared), 1e30f);
+  args->query->radius = std::nextafter(static_cast<float>(std::sqrt(squared)), 1e30f);
   return true;
 }
 
@@ -90,11 +95,12 @@ RayScene::RayScene(TriangleMesh mesh) : impl_(std::make_unique<Impl>()) {
   impl_->scene = rtcNewScene(impl_->device);
   rtcSetSceneFlags(impl_->scene, RTC_SCENE_FLAG_ROBUST);
   RTCGeometry geometry = rtcNewGeometry(impl_->device, RTC_GEOMETRY_TYPE_TRIANGLE);
-  auto* vertices = static_cast<float*>(rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3,
-                                                               3 * sizeof(float), m.vertices.size()));
-  for (size_t i = 0; i < m.vertices.size(); ++i) Eigen::Map<Eigen::Vector3f>(vertices + 3 * i) = m.vertices[i];
-  auto* indices = static_cast<unsigned*>(rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3,
-                                                                 3 * sizeof(unsigned), m.triangles.size()));
+  auto* vertices = static_cast<float*>(rtcSetNewGeometryBuffer(
+      geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, 3 * sizeof(float), m.vertices.size()));
+  for (size_t i = 0; i < m.vertices.size(); ++i)
+    Eigen::Map<Eigen::Vector3f>(vertices + 3 * i) = m.vertices[i];
+  auto* indices = static_cast<unsigned*>(rtcSetNewGeometryBuffer(
+      geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, 3 * sizeof(unsigned), m.triangles.size()));
   for (size_t t = 0; t < m.triangles.size(); ++t)
     for (int k = 0; k < 3; ++k) indices[3 * t + k] = static_cast<unsigned>(m.triangles[t][k]);
   rtcCommitGeometry(geometry);
@@ -107,7 +113,9 @@ RayScene::~RayScene() = default;
 RayScene::RayScene(RayScene&&) noexcept = default;
 RayScene& RayScene::operator=(RayScene&&) noexcept = default;
 
-const TriangleMesh& RayScene::mesh() const { return impl_->mesh; }
+const TriangleMesh& RayScene::mesh() const {
+  return impl_->mesh;
+}
 
 std::optional<RayScene::Hit> RayScene::cast(const Eigen::Vector3f& origin, const Eigen::Vector3f& direction,
                                             float max_distance) const {
@@ -152,14 +160,15 @@ std::optional<RayScene::Closest> RayScene::closest(const Eigen::Vector3f& point,
 }
 
 std::optional<RayScene::Closest> RayScene::closest_facing(const Eigen::Vector3f& point, float max_distance,
-                                                          const Eigen::Vector3f& direction, float min_cosine) const {
+                                                          const Eigen::Vector3f& direction,
+                                                          float min_cosine) const {
   QueryState state;
   state.mesh = &impl_->mesh;
   if (min_cosine > -1.0f) state.normals = &impl_->normals;
   state.point = point;
   state.direction = direction;
   state.min_cosine = min_cosine;
-  state.best_squared = max_distance * max_distance;
+  state.best_squared = static_cast<double>(max_distance) * max_distance;
   RTCPointQuery query{};
   query.x = point.x();
   query.y = point.y();
@@ -169,7 +178,7 @@ std::optional<RayScene::Closest> RayScene::closest_facing(const Eigen::Vector3f&
   rtcInitPointQueryContext(&context);
   rtcPointQuery(impl_->scene, &query, &context, visit_triangle, &state);
   if (!state.found) return std::nullopt;
-  state.best.distance = std::sqrt(state.best_squared);
+  state.best.distance = static_cast<float>(std::sqrt(state.best_squared));
   return state.best;
 }
 

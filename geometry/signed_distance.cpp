@@ -58,7 +58,8 @@ SignedDistance::SignedDistance(TriangleMesh mesh) : scene_(std::move(mesh)) {
   for (size_t i = 0; i < uses.size();) {
     size_t j = i;
     Eigen::Vector3d sum = Eigen::Vector3d::Zero();
-    for (; j < uses.size() && uses[j].key == uses[i].key; ++j) sum += m.normal(uses[j].triangle).cast<double>();
+    for (; j < uses.size() && uses[j].key == uses[i].key; ++j)
+      sum += m.normal(uses[j].triangle).cast<double>();
     const Eigen::Vector3f normal = sum.stableNormalized().cast<float>();
     for (; i < j; ++i) edge_normals_[uses[i].triangle][uses[i].slot] = normal;
   }
@@ -70,13 +71,27 @@ SignedDistance::Value SignedDistance::signed_value(const Eigen::Vector3f& point,
   Value value{closest.distance, closest.point, Eigen::Vector3f::Zero(), closest.triangle};
   const Eigen::Vector3i& tri = scene_.mesh().triangles[closest.triangle];
   switch (closest.feature) {
-    case Feature::kFace: value.normal = scene_.mesh().normal(closest.triangle); break;
-    case Feature::kEdge01: value.normal = edge_normals_[closest.triangle][0]; break;
-    case Feature::kEdge12: value.normal = edge_normals_[closest.triangle][1]; break;
-    case Feature::kEdge20: value.normal = edge_normals_[closest.triangle][2]; break;
-    case Feature::kVertex0: value.normal = vertex_normals_[tri[0]]; break;
-    case Feature::kVertex1: value.normal = vertex_normals_[tri[1]]; break;
-    case Feature::kVertex2: value.normal = vertex_normals_[tri[2]]; break;
+    case Feature::kFace:
+      value.normal = scene_.mesh().normal(closest.triangle);
+      break;
+    case Feature::kEdge01:
+      value.normal = edge_normals_[closest.triangle][0];
+      break;
+    case Feature::kEdge12:
+      value.normal = edge_normals_[closest.triangle][1];
+      break;
+    case Feature::kEdge20:
+      value.normal = edge_normals_[closest.triangle][2];
+      break;
+    case Feature::kVertex0:
+      value.normal = vertex_normals_[tri[0]];
+      break;
+    case Feature::kVertex1:
+      value.normal = vertex_normals_[tri[1]];
+      break;
+    case Feature::kVertex2:
+      value.normal = vertex_normals_[tri[2]];
+      break;
   }
   if ((point - closest.point).dot(value.normal) < 0) value.distance = -value.distance;
   return value;
@@ -90,8 +105,8 @@ std::optional<SignedDistance::Value> SignedDistance::operator()(const Eigen::Vec
 }
 
 std::optional<SignedDistance::Value> SignedDistance::operator()(const Eigen::Vector3f& point,
-                                                                const Eigen::Vector3f& normal, float min_cosine,
-                                                                float max_distance) const {
+                                                                const Eigen::Vector3f& normal,
+                                                                float min_cosine, float max_distance) const {
   const auto closest = scene_.closest_facing(point, max_distance, normal, min_cosine);
   if (!closest) return std::nullopt;
   return signed_value(point, *closest);

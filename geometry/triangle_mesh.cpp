@@ -21,7 +21,9 @@ Eigen::Vector3f TriangleMesh::normal(size_t t) const {
   return doubled_area_vector(*this, t).stableNormalized().cast<float>();
 }
 
-double TriangleMesh::area(size_t t) const { return 0.5 * doubled_area_vector(*this, t).norm(); }
+double TriangleMesh::area(size_t t) const {
+  return 0.5 * doubled_area_vector(*this, t).norm();
+}
 
 double TriangleMesh::surface_area() const {
   double sum = 0;
@@ -31,7 +33,8 @@ double TriangleMesh::surface_area() const {
 
 double TriangleMesh::volume() const {
   double sum = 0;
-  const Eigen::Vector3d origin = vertices.empty() ? Eigen::Vector3d::Zero() : Eigen::Vector3d(vertices[0].cast<double>());
+  const Eigen::Vector3d origin =
+      vertices.empty() ? Eigen::Vector3d::Zero() : Eigen::Vector3d(vertices[0].cast<double>());
   for (size_t t = 0; t < triangles.size(); ++t) {
     const Eigen::Vector3d a = vertices[triangles[t][0]].cast<double>() - origin;
     sum += a.dot(doubled_area_vector(*this, t)) / 6.0;

@@ -31,7 +31,8 @@ double robust_sigma(const std::vector<Pair>& pairs) {
 
 }  // namespace
 
-AlignmentResult align_to_model(const PointCloud& cloud, const SignedDistance& model, const AlignmentOptions& options) {
+AlignmentResult align_to_model(const PointCloud& cloud, const SignedDistance& model,
+                               const AlignmentOptions& options) {
   AlignmentResult result;
   const size_t stride = std::max<size_t>(1, cloud.size() / std::max<size_t>(1, options.samples));
   std::vector<Pair> pairs((cloud.size() + stride - 1) / stride);

@@ -1,14 +1,20 @@
 #include "defects.h"
 
+#include <tbb/parallel_for.h>
+
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <numbers>
 #include <numeric>
 #include <set>
-#include <unordered_map>
+
+#include "gantry/geometry/point_index.h"
 
 namespace gantry::internal {
 namespace {
+
+constexpr size_t kPeakNeighbours = 5;
 
 /// Union-find.
 class Groups {
@@ -45,8 +51,9 @@ double sampled_area(const PointCloud& cloud, const std::vector<size_t>& members,
     const auto cell = [&](Eigen::Index k) { return static_cast<int>(std::floor(p[k] / cell_mm)); };
     // Along the main direction the layers are coarse: they only tell one wall from the next.
     const int layer = static_cast<int>(std::floor(p[axis] / (4 * cell_mm)));
-    cells.try_emplace({static_cast<int>(axis), n[axis] < 0, cell((axis + 1) % 3), cell((axis + 2) % 3), layer},
-                      cell_mm * cell_mm / std::max(0.5f, std::abs(n[axis])));
+    cells.try_emplace(
+        {static_cast<int>(axis), n[axis] < 0, cell((axis + 1) % 3), cell((axis + 2) % 3), layer},
+        cell_mm * cell_mm / std::max(0.5f, std::abs(n[axis])));
   }
   double area = 0;
   std::set<std::array<int, 4>> counted;
@@ -55,9 +62,86 @@ double sampled_area(const PointCloud& cloud, const std::vector<size_t>& members,
   return area;
 }
 
+/// The largest deviation around a point, on its tangent plane and no further away than its neighbours are.
+/// Only where the CAD surface lies sideways (material in a missing hole): the deviation then changes as
+/// fast as the position does, while along the normal the tangent plane would overshoot.
+float climb(const InspectionResult& result, const LocalSurface& surface, const SignedDistance& reference,
+            const InspectionOptions& options, size_t i) {
+  float best = result.deviation_mm[i];
+  if (!result.cloud.has_normals()) return best;
+  const Eigen::Vector3f normal = result.cloud.normals[i];
+  const Eigen::Vector3f u = normal.unitOrthogonal(), v = normal.cross(u);
+  const auto min_cosine = static_cast<float>(std::cos(options.max_angle_rad));
+  const auto start =
+      reference(surface.points[i], normal, min_cosine, static_cast<float>(options.max_distance_mm));
+  if (!start || std::abs((surface.points[i] - start->closest).dot(normal)) > 0.5f * std::abs(start->distance))
+    return best;
+  constexpr int kDirections = 16;
+  for (int ring = 1; ring <= 5; ++ring) {
+    const auto radius = static_cast<float>(0.25 * ring * surface.spacing_mm);
+    for (int k = 0; k < kDirections; ++k) {
+      const float angle = static_cast<float>(2 * std::numbers::pi * k / kDirections);
+      const Eigen::Vector3f p = surface.points[i] + radius * (std::cos(angle) * u + std::sin(angle) * v);
+      const auto value = reference(p, normal, min_cosine, static_cast<float>(options.max_distance_mm));
+      if (value && std::abs(value->distance) > std::abs(best)) best = value->distance;
+    }
+  }
+  return best;
+}
+
+float median(std::vector<float> values) {
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+struct Peak {
+  size_t point;
+  float deviation;
+};
+
+/// The peak of a region: the point around which the median deviation of its nearest neighbours on the
+/// same face is largest, and the median of what can be climbed to from each of them. Points on the rim
+/// of the measured surface are extrapolations and count only where there is nothing else.
+Peak find_peak(const InspectionResult& result, const LocalSurface& surface, const SignedDistance& reference,
+               const InspectionOptions& options, const std::vector<size_t>& members) {
+  std::vector<size_t> inner;
+  for (size_t i : members)
+    if (!surface.rim[i]) inner.push_back(i);
+  const std::vector<size_t>& candidates = inner.empty() ? members : inner;
+  std::vector<Eigen::Vector3f> points;
+  for (size_t i : candidates) points.push_back(surface.points[i]);
+  const PointIndex index(points);
+  const auto neighbours_of = [&](size_t c) {
+    std::vector<PointIndex::Neighbour> near;
+    index.nearest(points[c], 2 * kPeakNeighbours, static_cast<float>(4 * surface.spacing_mm), near);
+    std::vector<size_t> same_face;
+    for (const auto& n : near) {
+      const size_t j = candidates[n.index];
+      const bool facing = !result.cloud.has_normals() ||
+                          result.cloud.normals[candidates[c]].dot(result.cloud.normals[j]) > 0.5f;
+      if (facing && same_face.size() < kPeakNeighbours) same_face.push_back(j);
+    }
+    return same_face;
+  };
+  std::vector<float> medians(candidates.size());
+  tbb::parallel_for(size_t{0}, candidates.size(), [&](size_t c) {
+    std::vector<float> deviations;
+    for (size_t j : neighbours_of(c)) deviations.push_back(result.deviation_mm[j]);
+    medians[c] = deviations.size() < 3 ? 0 : median(std::move(deviations));
+  });
+  const auto largest = std::max_element(medians.begin(), medians.end(),
+                                        [](float a, float b) { return std::abs(a) < std::abs(b); });
+  const auto c = static_cast<size_t>(largest - medians.begin());
+  std::vector<float> climbed;
+  for (size_t j : neighbours_of(c)) climbed.push_back(climb(result, surface, reference, options, j));
+  return {candidates[c], median(std::move(climbed))};
+}
+
 }  // namespace
 
-void find_defects(InspectionResult& result, const InspectionOptions& options) {
+void find_defects(InspectionResult& result, const LocalSurface& surface, const SignedDistance& reference,
+                  const InspectionOptions& options) {
   const PointCloud& cloud = result.cloud;
   std::vector<size_t> out;
   for (size_t i = 0; i < cloud.size(); ++i)
@@ -89,8 +173,6 @@ void find_defects(InspectionResult& result, const InspectionOptions& options) {
     region.insert(region.end(), members.begin(), members.end());
   }
 
-  // The peak is where the deviation is certainly largest: a poorly known rim must not outbid the middle.
-  const auto certain_size = [&](size_t i) { return std::abs(result.deviation_mm[i]) - 3 * result.uncertainty_mm[i]; };
   std::vector<std::pair<Defect, std::vector<size_t>>> found;
   for (auto& [root, members] : regions) {
     Defect defect;
@@ -99,7 +181,6 @@ void find_defects(InspectionResult& result, const InspectionOptions& options) {
     if (defect.area_mm2 < options.min_defect_area_mm2) continue;
     Eigen::Vector3d sum = Eigen::Vector3d::Zero();
     Eigen::AlignedBox3d box;
-    size_t peak = members.front();
     std::array<Eigen::Vector3d, 6> facing;
     facing.fill(Eigen::Vector3d::Zero());
     double magnitudes = 0;
@@ -108,7 +189,6 @@ void find_defects(InspectionResult& result, const InspectionOptions& options) {
       sum += p;
       box.extend(p);
       magnitudes += std::abs(result.deviation_mm[i]);
-      if (certain_size(i) > certain_size(peak)) peak = i;
       if (cloud.has_normals()) {
         facing[main_direction(cloud, i)] += cloud.normals[i].cast<double>();
       }
@@ -117,10 +197,11 @@ void find_defects(InspectionResult& result, const InspectionOptions& options) {
     defect.centre_mm = sum / count;
     defect.extent_mm = box.sizes();
     defect.mean_mm = magnitudes / count;
-    defect.peak_mm = result.deviation_mm[peak];
-    defect.peak_at_mm = cloud.points[peak].cast<double>();
-    defect.uncertainty_mm = 2.0 * result.uncertainty_mm[peak];
-    defect.normal = facing[main_direction(cloud, peak)].stableNormalized();
+    const Peak peak = find_peak(result, surface, reference, options, members);
+    defect.peak_mm = peak.deviation;
+    defect.peak_at_mm = cloud.points[peak.point].cast<double>();
+    defect.uncertainty_mm = 2.0 * result.uncertainty_mm[peak.point];
+    defect.normal = facing[main_direction(cloud, peak.point)].stableNormalized();
     defect.certain = std::abs(defect.peak_mm) > options.tolerance_mm + defect.uncertainty_mm;
     found.emplace_back(defect, std::move(members));
   }

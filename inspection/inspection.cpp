@@ -83,7 +83,8 @@ DeviationStatistics statistics_of(std::vector<float> values, double tolerance_mm
 float standard_uncertainty(const InspectionResult& result, const InspectionOptions& options, size_t i,
                            const internal::LocalSurface& surface, const SignedDistance::Value& value) {
   const Eigen::Vector3d offset = (surface.points[i] - value.closest).cast<double>();
-  const Eigen::Vector3d direction = offset.norm() > 1e-6 ? Eigen::Vector3d(offset.normalized()) : value.normal.cast<double>();
+  const Eigen::Vector3d direction =
+      offset.norm() > 1e-6 ? Eigen::Vector3d(offset.normalized()) : value.normal.cast<double>();
   double along = 1;
   if (result.cloud.has_normals()) along = direction.dot(result.cloud.normals[i].cast<double>());
   const double single = result.cloud.has_sigma() ? result.cloud.sigma_mm[i] : surface.sigma_mm[i];
@@ -97,26 +98,30 @@ float standard_uncertainty(const InspectionResult& result, const InspectionOptio
 
 void decide(InspectionResult& result, const InspectionOptions& options) {
   char text[200];
-  const auto certain = std::count_if(result.defects.begin(), result.defects.end(), [](const Defect& d) { return d.certain; });
+  const auto certain =
+      std::count_if(result.defects.begin(), result.defects.end(), [](const Defect& d) { return d.certain; });
   if (certain > 0) {
     result.verdict = Verdict::kFail;
     std::snprintf(text, sizeof text, "%ld %s out of tolerance (±%.3f mm); the largest deviates by %+.3f mm.",
-                  static_cast<long>(certain), certain == 1 ? "region is" : "regions are", options.tolerance_mm,
-                  result.defects.front().peak_mm);
+                  static_cast<long>(certain), certain == 1 ? "region is" : "regions are",
+                  options.tolerance_mm, result.defects.front().peak_mm);
   } else if (options.align && !result.alignment.converged) {
     result.verdict = Verdict::kUndecided;
     std::snprintf(text, sizeof text, "The alignment to the CAD model did not converge.");
   } else if (result.coverage < options.min_coverage) {
     result.verdict = Verdict::kUndecided;
-    std::snprintf(text, sizeof text, "Only %.0f %% of the CAD surface was seen; at least %.0f %% is asked for.",
+    std::snprintf(text, sizeof text,
+                  "Only %.0f %% of the CAD surface was seen; at least %.0f %% is asked for.",
                   100 * result.coverage, 100 * options.min_coverage);
   } else if (!result.defects.empty()) {
     result.verdict = Verdict::kUndecided;
-    std::snprintf(text, sizeof text, "%zu region(s) exceed the tolerance (±%.3f mm) by less than the uncertainty.",
+    std::snprintf(text, sizeof text,
+                  "%zu region(s) exceed the tolerance (±%.3f mm) by less than the uncertainty.",
                   result.defects.size(), options.tolerance_mm);
   } else {
     result.verdict = Verdict::kPass;
-    std::snprintf(text, sizeof text, "All of the inspected surface (%.0f %% of the CAD surface) is within ±%.3f mm.",
+    std::snprintf(text, sizeof text,
+                  "All of the inspected surface (%.0f %% of the CAD surface) is within ±%.3f mm.",
                   100 * result.coverage, options.tolerance_mm);
   }
   result.reason = text;
@@ -126,14 +131,18 @@ void decide(InspectionResult& result, const InspectionOptions& options) {
 
 std::string_view to_string(Verdict verdict) {
   switch (verdict) {
-    case Verdict::kPass: return "PASS";
-    case Verdict::kFail: return "FAIL";
-    case Verdict::kUndecided: return "UNDECIDED";
+    case Verdict::kPass:
+      return "PASS";
+    case Verdict::kFail:
+      return "FAIL";
+    case Verdict::kUndecided:
+      return "UNDECIDED";
   }
   return "UNDECIDED";
 }
 
-InspectionResult inspect(const PointCloud& cloud, const SignedDistance& reference, const InspectionOptions& options) {
+InspectionResult inspect(const PointCloud& cloud, const SignedDistance& reference,
+                         const InspectionOptions& options) {
   validate(cloud, options);
   InspectionResult result;
   const std::vector<float> to_fixture = fixture_distances(cloud, options);
@@ -152,7 +161,8 @@ InspectionResult inspect(const PointCloud& cloud, const SignedDistance& referenc
   result.cloud = transformed(cloud, result.alignment.cad_from_cloud);
 
   const size_t n = cloud.size();
-  const internal::LocalSurface surface = internal::fit_local_surface(result.cloud, options.averaging_radius_mm);
+  const internal::LocalSurface surface =
+      internal::fit_local_surface(result.cloud, options.averaging_radius_mm, options.systematic_sigma_mm);
   result.deviation_mm.assign(n, kNaN);
   result.uncertainty_mm.assign(n, kNaN);
   result.point_class.assign(n, PointClass::kFar);
@@ -161,7 +171,8 @@ InspectionResult inspect(const PointCloud& cloud, const SignedDistance& referenc
   const auto reach = static_cast<float>(options.max_distance_mm);
   tbb::parallel_for(size_t{0}, n, [&](size_t i) {
     const Eigen::Vector3f& p = surface.points[i];
-    const auto value = cloud.has_normals() ? reference(p, result.cloud.normals[i], min_cosine, reach) : reference(p, reach);
+    const auto value =
+        cloud.has_normals() ? reference(p, result.cloud.normals[i], min_cosine, reach) : reference(p, reach);
     const float distance = value ? std::abs(value->distance) : std::numeric_limits<float>::infinity();
     if (to_fixture[i] < std::max(static_cast<float>(options.fixture_margin_mm), distance) &&
         std::isfinite(to_fixture[i])) {
@@ -183,7 +194,7 @@ InspectionResult inspect(const PointCloud& cloud, const SignedDistance& referenc
 
   result.statistics = statistics_of(result.deviation_mm, options.tolerance_mm);
   result.coverage = internal::surface_coverage(reference.scene().mesh(), feet, 1.0);
-  internal::find_defects(result, options);
+  internal::find_defects(result, surface, reference, options);
   decide(result, options);
   return result;
 }

@@ -15,8 +15,13 @@ namespace {
 
 constexpr size_t kLeastForPlane = 4;      ///< Points, the one itself included.
 constexpr size_t kLeastForQuadratic = 9;  ///< Six coefficients and some redundancy.
-constexpr double kScatterLimit = 2.0;     ///< Reduced chi-square above which a plane does not describe the neighbours.
-constexpr double kEdgeScatter = 5.0;      ///< ... and above which no smooth surface does: the point lies on an edge.
+constexpr double kScatterLimit =
+    2.0;  ///< Reduced chi-square above which a plane does not describe the neighbours.
+constexpr double kEdgeScatter =
+    5.0;  ///< ... and above which no smooth surface does: the point lies on an edge.
+/// Neighbours whose centroid is this far off (fraction of the radius) lie to one side; 0.42 at a straight
+/// rim.
+constexpr double kLopsided = 0.2;
 
 struct Sample {
   double u, v, height;  // u, v across the normal in units of the radius; height along it in mm
@@ -96,7 +101,7 @@ Eigen::Vector3f neighbours_normal(const PointCloud& cloud, const std::vector<Poi
 
 }  // namespace
 
-LocalSurface fit_local_surface(const PointCloud& cloud, double radius_mm) {
+LocalSurface fit_local_surface(const PointCloud& cloud, double radius_mm, double systematic_sigma_mm) {
   const size_t n = cloud.size();
   const PointIndex index(cloud.points);
   const double spacing = median_over(n, [&](size_t i) {
@@ -109,6 +114,8 @@ LocalSurface fit_local_surface(const PointCloud& cloud, double radius_mm) {
   surface.points = cloud.points;
   surface.sigma_mm.assign(n, 0);
   surface.supported.assign(n, 0);
+  surface.rim.assign(n, 0);
+  surface.spacing_mm = spacing;
   tbb::parallel_for(size_t{0}, n, [&](size_t i) {
     thread_local std::vector<PointIndex::Neighbour> near;
     thread_local std::vector<Sample> samples;
@@ -123,13 +130,21 @@ LocalSurface fit_local_surface(const PointCloud& cloud, double radius_mm) {
       const size_t j = each.index;
       if (cloud.has_normals() && normal.dot(cloud.normals[j]) < 0.5f) continue;
       const Eigen::Vector3f d = cloud.points[j] - cloud.points[i];
-      const double sigma = cloud.has_sigma() ? cloud.sigma_mm[j] : 1.0;
-      samples.push_back({across_u.dot(d) / radius, across_v.dot(d) / radius, normal.dot(d), 1.0 / (sigma * sigma)});
+      const double sigma = cloud.has_sigma() ? std::hypot(cloud.sigma_mm[j], systematic_sigma_mm) : 1.0;
+      samples.push_back(
+          {across_u.dot(d) / radius, across_v.dot(d) / radius, normal.dot(d), 1.0 / (sigma * sigma)});
     }
     if (samples.size() < kLeastForPlane) return;
+    double middle_u = 0, middle_v = 0;
+    for (const Sample& s : samples) {
+      middle_u += s.u / static_cast<double>(samples.size());
+      middle_v += s.v / static_cast<double>(samples.size());
+    }
+    surface.rim[i] = std::hypot(middle_u, middle_v) > kLopsided;
     Fit fit = fit_polynomial<3>(samples);
     if (!fit.valid) return;
-    // A cloud that does not state its noise is taken at its scatter; there is then nothing to compare it with.
+    // A cloud that does not state its noise is taken at its scatter; there is then nothing to compare it
+    // with.
     const bool structured = !cloud.has_sigma() || fit.scatter > kScatterLimit;
     if (structured && samples.size() >= kLeastForQuadratic) {
       const Fit curved = fit_polynomial<6>(samples);

@@ -24,9 +24,10 @@ double surface_coverage(const TriangleMesh& mesh, const PointCloud& feet, double
   };
   std::vector<Sample> samples;
   for (size_t i = 0; i < kSamples; ++i) {
-    const auto t = static_cast<size_t>(
-        std::lower_bound(cumulative.begin(), cumulative.end(), (static_cast<double>(i) + uniform(random)) / kSamples * total) -
-        cumulative.begin());
+    const auto t =
+        static_cast<size_t>(std::lower_bound(cumulative.begin(), cumulative.end(),
+                                             (static_cast<double>(i) + uniform(random)) / kSamples * total) -
+                            cumulative.begin());
     if (t >= mesh.triangles.size()) continue;
     const double r = std::sqrt(uniform(random)), s = uniform(random);
     const Eigen::Vector3i& tri = mesh.triangles[t];

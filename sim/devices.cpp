@@ -63,6 +63,7 @@ class SimulatedScanner final : public Scanner {
     info_.vendor = "Gantry";
     info_.model = "simulated";
     info_.serial = "in-process";
+    info_.firmware = "none";
     info_.width = world.sensor().width;
     info_.height = world.sensor().height;
   }

@@ -44,7 +44,8 @@ TEST_P(StageMove, KeepsSpeedAndAccelerationAndEndsWhenTheTrapezoidDoes) {
   double start_s = 0;
   home(stage, start_s);
   const auto [target, commanded_speed, commanded_acceleration] = GetParam();
-  const double speed = std::min(commanded_speed, 200.0), acceleration = std::min(commanded_acceleration, 1000.0);
+  const double speed = std::min(commanded_speed, 200.0),
+               acceleration = std::min(commanded_acceleration, 1000.0);
   const double duration_s = trapezoid_s(std::abs(target), speed, acceleration);
   ASSERT_TRUE(stage.start_move(target, commanded_speed, commanded_acceleration, start_s));
 
@@ -78,8 +79,9 @@ TEST_P(StageMove, KeepsSpeedAndAccelerationAndEndsWhenTheTrapezoidDoes) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Ramps, StageMove,
-                         testing::Values(MoveCase{250, 120, 600}, MoveCase{250, 1e6, 1e6}, MoveCase{3, 120, 600},
-                                         MoveCase{-8, 20, 100}, MoveCase{-0.01, 120, 600}, MoveCase{24, 120, 600}));
+                         testing::Values(MoveCase{250, 120, 600}, MoveCase{250, 1e6, 1e6},
+                                         MoveCase{3, 120, 600}, MoveCase{-8, 20, 100},
+                                         MoveCase{-0.01, 120, 600}, MoveCase{24, 120, 600}));
 
 TEST(Stage, SettlingIsADampedOscillationAroundTheTarget) {
   SimulatedStage stage(ideal_stage(), 1);
@@ -140,8 +142,7 @@ TEST(Stage, HomingFindsTheHomePositionThatIsUnknownAtPowerOn) {
     EXPECT_FALSE(stage.start_homing(0)) << "without power";
     stage.set_servo(true, 0);
     ASSERT_TRUE(stage.start_homing(0));
-    const double end_s =
-        trapezoid_s(std::abs(start.true_position), 80, 1000) + ideal_stage().settling_time_s;
+    const double end_s = trapezoid_s(std::abs(start.true_position), 80, 1000) + ideal_stage().settling_time_s;
     const StageState during = stage.observe(end_s - 1e-6);
     EXPECT_FALSE(during.homed);
     EXPECT_TRUE(during.moving);

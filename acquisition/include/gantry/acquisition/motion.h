@@ -42,7 +42,8 @@ class Motion {
   Result<Standstill> move_to(std::span<const double> q);
   /// Samples the encoders once.
   Result<std::vector<double>> read_positions();
-  /// Stops everything that moves; best effort on axes that do not answer.
+  /// Stops everything that moves and waits until it stands (3 s at most; axes that do not answer are not
+  /// waited for).
   void stop_all(const std::string& reason);
   /// Clears errors; the axes are Disabled afterwards.
   Result<void> reset();

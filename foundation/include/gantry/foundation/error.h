@@ -9,11 +9,11 @@ namespace gantry {
 
 /// What every executable returns to the shell; scripts rely on these numbers.
 enum class ExitCode : int {
-  kPass = 0,        ///< Done; where there is a verdict, it is PASS.
-  kFail = 1,        ///< The part is out of tolerance.
-  kInputError = 2,  ///< A wrong option or a bad file.
-  kDeviceFault = 3, ///< A device was unreachable, refused or failed.
-  kUndecided = 4    ///< The result is not certain enough for PASS or FAIL.
+  kPass = 0,         ///< Done; where there is a verdict, it is PASS.
+  kFail = 1,         ///< The part is out of tolerance.
+  kInputError = 2,   ///< A wrong option or a bad file.
+  kDeviceFault = 3,  ///< A device was unreachable, refused or failed.
+  kUndecided = 4     ///< The result is not certain enough for PASS or FAIL.
 };
 
 /// A file or option that a person must mend. Thrown once, where the mistake is found; the message

@@ -14,10 +14,10 @@ namespace gantry {
 
 struct FusionOptions {
   PreprocessOptions preprocess;
-  GicpOptions gicp;                ///< max_distance_mm is derived from the poses' covariance for each pair.
+  GicpOptions gicp;  ///< max_distance_mm is derived from the poses' covariance for each pair.
   PoseGraphOptions pose_graph;
   MergeOptions merge;
-  double min_overlap = 0.1;        ///< Pairs that are predicted to share less are not registered.
+  double min_overlap = 0.1;  ///< Pairs that are predicted to share less are not registered.
 };
 
 /// What became of one scan.
@@ -29,7 +29,7 @@ struct ScanResult {
   size_t points = 0;               ///< After preprocessing.
   size_t measured = 0;
   double noise_mm = 0;
-  bool connected = true;           ///< False: no kept edge reaches it from the first scan; only its tag places it.
+  bool connected = true;  ///< False: no kept edge reaches it from the first scan; only its tag places it.
 };
 
 /// Agreement of all pairs that share surface, at given poses: matches both ways, along the normal,
@@ -42,12 +42,12 @@ struct OverlapResidual {
 struct FusionResult {
   std::vector<ScanResult> scans;
   std::vector<PoseGraphEdge> edges;
-  PointCloud merged;               ///< Part frame, mm, with normals and sigma.
+  PointCloud merged;  ///< Part frame, mm, with normals and sigma.
   double voxel_mm = 0;
-  OverlapResidual before, after;   ///< At the tagged and at the final poses.
-  bool normals_flipped = false;    ///< The scans did not tell where the sensor was; the closed shape decided.
-  bool trusted = true;             ///< All scans connected and the graph converged.
-  std::string reason;              ///< Why not trusted.
+  OverlapResidual before, after;  ///< At the tagged and at the final poses.
+  bool normals_flipped = false;   ///< The scans did not tell where the sensor was; the closed shape decided.
+  bool trusted = true;            ///< All scans connected and the graph converged.
+  std::string reason;             ///< Why not trusted.
   std::vector<std::pair<std::string, double>> timings_s;
 };
 

@@ -7,8 +7,8 @@
 namespace gantry {
 
 struct MergeOptions {
-  double voxel_mm = 0;         ///< Edge of the averaging cells; 0: 1.5 times the median point spacing.
-  size_t min_support = 4;      ///< Cells that hold, with the 26 around them, fewer measurements are outliers.
+  double voxel_mm = 0;     ///< Edge of the averaging cells; 0: 1.5 times the median point spacing.
+  size_t min_support = 4;  ///< Cells that hold, with the 26 around them, fewer measurements are outliers.
 };
 
 /// One cloud in the part frame from all scans: points of a cell whose normals agree become one, weighted

@@ -15,8 +15,8 @@ struct PoseGraphEdge {
   double predicted_overlap = 0;
   GicpResult match;
   bool kept = true;
-  std::string reason;             ///< Why it was pruned, or how far it disagrees with the final poses.
-  double disagreement_mm = 0;     ///< Between the measured and the final relative pose, at the scan's centre.
+  std::string reason;          ///< Why it was pruned, or how far it disagrees with the final poses.
+  double disagreement_mm = 0;  ///< Between the measured and the final relative pose, at the scan's centre.
 };
 
 struct PoseGraphOptions {
@@ -35,7 +35,9 @@ struct PoseGraphResult {
 /// the tagged poses (weighted by their covariance). The first scan's pose is the gauge and stays as
 /// tagged; covariances are relative to it. `centres` are the scans' centroids in their sensor frames.
 /// Solved by Ceres with a Cauchy loss on the edges.
-PoseGraphResult optimise_pose_graph(const std::vector<UncertainPose>& tagged, std::vector<PoseGraphEdge>& edges,
-                                    const std::vector<Eigen::Vector3d>& centres, const PoseGraphOptions& options);
+PoseGraphResult optimise_pose_graph(const std::vector<UncertainPose>& tagged,
+                                    std::vector<PoseGraphEdge>& edges,
+                                    const std::vector<Eigen::Vector3d>& centres,
+                                    const PoseGraphOptions& options);
 
 }  // namespace gantry

@@ -15,10 +15,11 @@ struct ScalarField {
   std::span<const float> values;
 };
 
-/// Reads PLY or PCD: points, and normals when present. Points that are not finite are an error here
+/// Reads PLY or PCD: points, normals and a field `sigma` (standard uncertainty, same unit) when present. Points that are not finite are an error here
 /// (a scan may have gaps, a cloud may not): they are dropped and counted in `dropped` if given,
 /// otherwise InputError is thrown.
-PointCloud read_point_cloud(const std::filesystem::path& path, double unit_mm = 1.0, size_t* dropped = nullptr);
+PointCloud read_point_cloud(const std::filesystem::path& path, double unit_mm = 1.0,
+                            size_t* dropped = nullptr);
 
 /// Writes binary PLY: x y z, normals if present, then the scalar fields, in the order of the points.
 void write_point_cloud(const std::filesystem::path& path, const PointCloud& cloud,

@@ -35,7 +35,8 @@ class RayScene {
   RayScene& operator=(RayScene&&) noexcept;
 
   /// First surface hit by the ray, either side of a triangle.
-  std::optional<Hit> cast(const Eigen::Vector3f& origin, const Eigen::Vector3f& direction, float max_distance = 1e6f) const;
+  std::optional<Hit> cast(const Eigen::Vector3f& origin, const Eigen::Vector3f& direction,
+                          float max_distance = 1e6f) const;
   /// Whether anything lies on the segment strictly between its ends.
   bool occluded(const Eigen::Vector3f& from, const Eigen::Vector3f& to) const;
 

@@ -30,8 +30,8 @@ class SignedDistance {
   /// The same, considering only faces whose normal is within acos(min_cosine) of the point's own
   /// normal: a wall bent by more than half its thickness is still measured to its own face. The sign
   /// is then that of the pseudonormal of the closest feature as seen on the facing triangles.
-  std::optional<Value> operator()(const Eigen::Vector3f& point, const Eigen::Vector3f& normal, float min_cosine,
-                                  float max_distance) const;
+  std::optional<Value> operator()(const Eigen::Vector3f& point, const Eigen::Vector3f& normal,
+                                  float min_cosine, float max_distance) const;
 
   const RayScene& scene() const { return scene_; }
 
@@ -39,8 +39,8 @@ class SignedDistance {
   Value signed_value(const Eigen::Vector3f& point, const RayScene::Closest& closest) const;
 
   RayScene scene_;
-  std::vector<Eigen::Vector3f> vertex_normals_;              ///< Per vertex.
-  std::vector<std::array<Eigen::Vector3f, 3>> edge_normals_; ///< Per triangle: edges 01, 12, 20.
+  std::vector<Eigen::Vector3f> vertex_normals_;               ///< Per vertex.
+  std::vector<std::array<Eigen::Vector3f, 3>> edge_normals_;  ///< Per triangle: edges 01, 12, 20.
 };
 
 }  // namespace gantry

@@ -21,14 +21,14 @@ struct DriveInfo {
 
 /// One reading of a drive. Positions in axis units: mm (linear) or rad (rotary).
 struct DriveStatus {
-  double position = 0;      ///< From the encoder; means nothing before homing.
-  bool servo_on = false;    ///< The motor holds its position.
+  double position = 0;    ///< From the encoder; means nothing before homing.
+  bool servo_on = false;  ///< The motor holds its position.
   bool homed = false;
   bool moving = false;
-  bool in_position = false; ///< The drive's own opinion that the last move has ended at its target.
+  bool in_position = false;  ///< The drive's own opinion that the last move has ended at its target.
   bool emergency_stop = false;
-  std::optional<int> alarm; ///< The drive's alarm code while one is pending.
-  double sampled_at_s = 0;  ///< By the injected clock.
+  std::optional<int> alarm;  ///< The drive's alarm code while one is pending.
+  double sampled_at_s = 0;   ///< By the injected clock.
 };
 
 struct MoveCommand {

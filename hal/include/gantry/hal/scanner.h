@@ -32,8 +32,8 @@ struct Capture {
   Scan scan;
   uint64_t frame_id = 0;
   uint64_t device_timestamp_ns = 0;
-  double exposure_s = 0;    ///< As the device reports it.
-  int resent_packets = 0;   ///< Packets that had to be asked for again.
+  double exposure_s = 0;   ///< As the device reports it.
+  int resent_packets = 0;  ///< Packets that had to be asked for again.
 };
 
 /// A 3D sensor that takes one organised scan on command. The same rules hold for every

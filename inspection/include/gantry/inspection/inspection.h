@@ -16,19 +16,20 @@ enum class Verdict { kPass, kFail, kUndecided };
 std::string_view to_string(Verdict verdict);  ///< "PASS", "FAIL", "UNDECIDED"
 
 struct InspectionOptions {
-  double tolerance_mm = 0;           ///< Deviations within +- this are good. Must be set, positive.
-  bool align = true;                 ///< Best fit to the CAD model first; otherwise the cloud is taken as it stands.
+  double tolerance_mm = 0;  ///< Deviations within +- this are good. Must be set, positive.
+  bool align = true;        ///< Best fit to the CAD model first; otherwise the cloud is taken as it stands.
   AlignmentOptions alignment;
-  double max_distance_mm = 10;       ///< Points further from the CAD surface than this do not belong to the part.
-  double max_angle_rad = 1.0472;     ///< A point is measured to faces whose normal is within this of its own (60 degrees).
-  double averaging_radius_mm = 0.5;  ///< Points are smoothed over this radius on the surface before they are measured;
-                                     ///< at least twice the spacing of the points is used.
-  double link_distance_mm = 3.0;     ///< Out-of-tolerance points closer than this belong to one defect (the two faces
-                                     ///< of a thin wall do, so that a dent is one defect, not two).
-  double min_defect_area_mm2 = 1.0;  ///< Smaller regions are not reported.
-  double min_coverage = 0.5;         ///< Less of the CAD surface seen than this: UNDECIDED.
-  double systematic_sigma_mm = 0.02; ///< Standard uncertainty common to neighbouring points (registration, sensor
-                                     ///< scale), which averaging does not reduce.
+  double max_distance_mm = 10;  ///< Points further from the CAD surface than this do not belong to the part.
+  double max_angle_rad =
+      1.0472;  ///< A point is measured to faces whose normal is within this of its own (60 degrees).
+  double averaging_radius_mm = 0.5;  ///< Points are smoothed over this radius on the surface before they are
+                                     ///< measured; at least twice the spacing of the points is used.
+  double link_distance_mm = 3.0;  ///< Out-of-tolerance points closer than this belong to one defect (the two
+                                  ///< faces of a thin wall do, so that a dent is one defect, not two).
+  double min_defect_area_mm2 = 1.0;   ///< Smaller regions are not reported.
+  double min_coverage = 0.5;          ///< Less of the CAD surface seen than this: UNDECIDED.
+  double systematic_sigma_mm = 0.02;  ///< Standard uncertainty common to neighbouring points (registration,
+                                      ///< sensor scale), which averaging does not reduce.
   /// The fixture that held the part, in the frame of the cloud: points nearer to it than to the part,
   /// or within `fixture_margin_mm` of it, are not judged.
   std::optional<TriangleMesh> fixture;
@@ -39,48 +40,50 @@ struct InspectionOptions {
 enum class PointClass : unsigned char {
   kJudged,   ///< Has a deviation that counts.
   kFixture,  ///< Belongs to the fixture or lies too close to it to tell.
-  kFar       ///< Clutter: no surface of the part within max_distance_mm, or too little smooth surface around it.
+  kFar  ///< Clutter: no surface of the part within max_distance_mm, or too little smooth surface around it.
 };
 
 /// A connected region out of tolerance. Positions in the frame of the CAD model.
 struct Defect {
-  int id = 0;                     ///< From 1, in order of falling |peak|.
-  Eigen::Vector3d centre_mm;      ///< Centroid of the region.
-  Eigen::Vector3d extent_mm;      ///< Size of its bounding box along x, y, z.
-  double area_mm2 = 0;            ///< Of all faces that the region covers.
-  double peak_mm = 0;             ///< Largest deviation, with its sign, taken where |deviation| - U is largest.
-  double mean_mm = 0;             ///< Mean magnitude: a dent deviates both ways, one on each face of the sheet.
-  double uncertainty_mm = 0;      ///< Expanded uncertainty U (95 %) of the peak.
-  Eigen::Vector3d peak_at_mm;     ///< Where the peak is.
-  Eigen::Vector3d normal;         ///< Mean outward normal of the face on which the peak lies.
+  int id = 0;                 ///< From 1, in order of falling |peak|.
+  Eigen::Vector3d centre_mm;  ///< Centroid of the region.
+  Eigen::Vector3d extent_mm;  ///< Size of its bounding box along x, y, z.
+  double area_mm2 = 0;        ///< Of all faces that the region covers.
+  double peak_mm = 0;  ///< Largest deviation, with its sign: a median over neighbours, so that no single
+                       ///< point decides, looked for between the points as well.
+  double mean_mm = 0;  ///< Mean magnitude: a dent deviates both ways, one on each face of the sheet.
+  double uncertainty_mm = 0;   ///< Expanded uncertainty U (95 %) of the peak.
+  Eigen::Vector3d peak_at_mm;  ///< Where the peak is.
+  Eigen::Vector3d normal;      ///< Mean outward normal of the face on which the peak lies.
   size_t points = 0;
-  bool certain = false;           ///< |peak| exceeds the tolerance by more than U.
+  bool certain = false;  ///< |peak| exceeds the tolerance by more than U.
 };
 
 /// Statistics of the judged deviations (mm).
 struct DeviationStatistics {
   size_t count = 0;
   double mean = 0, sigma = 0, rms = 0, min = 0, max = 0;
-  double p05 = 0, p50 = 0, p95 = 0;         ///< Percentiles of the signed deviation.
-  double within_tolerance = 0;              ///< Fraction of judged points.
+  double p05 = 0, p50 = 0, p95 = 0;  ///< Percentiles of the signed deviation.
+  double within_tolerance = 0;       ///< Fraction of judged points.
 };
 
 struct InspectionResult {
   Verdict verdict = Verdict::kUndecided;
-  std::string reason;                       ///< One sentence for a person.
-  AlignmentResult alignment;                ///< Its pose maps the given cloud into the CAD frame.
-  PointCloud cloud;                         ///< The given cloud in the CAD frame, same order.
-  std::vector<float> deviation_mm;          ///< Per point, smoothed; NaN unless judged. Positive: too much material.
-  std::vector<float> uncertainty_mm;        ///< Per point, standard uncertainty; NaN unless judged.
-  std::vector<int> defect_id;               ///< Per point: 0 none, else Defect::id.
-  std::vector<PointClass> point_class;      ///< Per point.
+  std::string reason;               ///< One sentence for a person.
+  AlignmentResult alignment;        ///< Its pose maps the given cloud into the CAD frame.
+  PointCloud cloud;                 ///< The given cloud in the CAD frame, same order.
+  std::vector<float> deviation_mm;  ///< Per point, smoothed; NaN unless judged. Positive: too much material.
+  std::vector<float> uncertainty_mm;    ///< Per point, standard uncertainty; NaN unless judged.
+  std::vector<int> defect_id;           ///< Per point: 0 none, else Defect::id.
+  std::vector<PointClass> point_class;  ///< Per point.
   DeviationStatistics statistics;
-  double coverage = 0;                      ///< Fraction of the CAD surface that was seen.
+  double coverage = 0;  ///< Fraction of the CAD surface that was seen.
   std::vector<Defect> defects;
 };
 
 /// Compares a cloud with the CAD model. A cloud without normals is measured to the closest surface of
 /// any orientation. Throws InputError for options out of range or a cloud without points.
-InspectionResult inspect(const PointCloud& cloud, const SignedDistance& reference, const InspectionOptions& options);
+InspectionResult inspect(const PointCloud& cloud, const SignedDistance& reference,
+                         const InspectionOptions& options);
 
 }  // namespace gantry

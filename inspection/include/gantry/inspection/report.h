@@ -11,10 +11,11 @@ namespace gantry {
 
 /// What a reader must know to trust a verdict later: shown in the report as a table, in this order.
 struct Traceability {
-  std::string title;                                         ///< "bracket", for the heading.
-  std::string created;                                       ///< ISO 8601 date and time.
-  bool simulated = false;                                    ///< Shown prominently: no real part was measured.
-  std::vector<std::pair<std::string, std::string>> entries;  ///< "CAD model" -> "bracket.stl, sha256 12ab...".
+  std::string title;       ///< "bracket", for the heading.
+  std::string created;     ///< ISO 8601 date and time.
+  bool simulated = false;  ///< Shown prominently: no real part was measured.
+  std::vector<std::pair<std::string, std::string>>
+      entries;  ///< "CAD model" -> "bracket.stl, sha256 12ab...".
 };
 
 /// Writes `report.html` (one self-contained file), `report.json` (the same numbers) and

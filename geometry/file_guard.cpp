@@ -1,0 +1,37 @@
+#include "file_guard.h"
+
+#include <fcntl.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstring>
+#include <fstream>
+
+#include "gantry/foundation/error.h"
+
+namespace gantry::internal {
+
+void require_header(const std::filesystem::path& path, const std::string& word) {
+  if (!std::filesystem::is_regular_file(path)) throw InputError(path.string() + ": no such file");
+  std::ifstream file(path, std::ios::binary);
+  for (std::string line; std::getline(file, line);)
+    if (line.starts_with(word) && !file.eof()) return;  // a complete line, not one that breaks off
+  throw InputError(path.string() + ": its header is broken or truncated: no line '" + word + "'");
+}
+
+void publish(const std::filesystem::path& partial, const std::filesystem::path& path) {
+  const auto sync = [](const std::filesystem::path& what) {
+    const int fd = ::open(what.c_str(), O_RDONLY);
+    const bool ok = fd >= 0 && ::fsync(fd) == 0;
+    const int error = errno;
+    if (fd >= 0) ::close(fd);
+    if (!ok) throw InputError(what.string() + ": cannot be synced to disk: " + std::strerror(error));
+  };
+  sync(partial);
+  std::error_code error;
+  std::filesystem::rename(partial, path, error);
+  if (error) throw InputError(path.string() + ": cannot be written: " + error.message());
+  sync(path.has_parent_path() ? path.parent_path() : std::filesystem::path("."));
+}
+
+}  // namespace gantry::internal

@@ -1,0 +1,152 @@
+#include "gantry/geometry/mesh_file.h"
+
+#include <gtest/gtest.h>
+
+#include <cstring>
+#include <limits>
+
+#include "foundation/expect_input_error.h"
+#include "foundation/temporary_folder.h"
+#include "gantry/geometry/mesh_topology.h"
+#include "geometry/solids.h"
+
+namespace gantry {
+namespace {
+
+/// A binary STL written by hand: 80 bytes, count, then 50 bytes a triangle.
+std::string binary_stl(const TriangleMesh& mesh) {
+  std::string bytes(80, ' ');
+  const auto append = [&](const void* data, size_t size) {
+    bytes.append(static_cast<const char*>(data), size);
+  };
+  const auto count = static_cast<uint32_t>(mesh.triangles.size());
+  append(&count, 4);
+  for (size_t t = 0; t < count; ++t) {
+    const Eigen::Vector3f n = mesh.normal(t);
+    append(n.data(), 12);
+    for (int k = 0; k < 3; ++k) append(mesh.vertices[mesh.triangles[t][k]].data(), 12);
+    bytes.append(2, '\0');
+  }
+  return bytes;
+}
+
+void expect_same_surface(const TriangleMesh& read, const TriangleMesh& written) {
+  ASSERT_EQ(read.vertices.size(), written.vertices.size());
+  ASSERT_EQ(read.triangles.size(), written.triangles.size());
+  for (size_t t = 0; t < read.triangles.size(); ++t)
+    for (int k = 0; k < 3; ++k)
+      ASSERT_EQ(read.vertices[read.triangles[t][k]], written.vertices[written.triangles[t][k]]);
+}
+
+class MeshFile : public ::testing::Test {
+ protected:
+  TemporaryFolder folder_;
+  TriangleMesh star_ =
+      transformed(star_mesh(15, 40), pose_from_position_rpy({100.1, -7.3, 1e-3}, {0.1, 0.2, 0.3}));
+};
+
+TEST_F(MeshFile, RoundTripIsExactAndJoinsVertices) {
+  for (const char* name : {"star.stl", "star.ply"}) {
+    SCOPED_TRACE(name);
+    write_mesh(folder_ / name, star_);
+    const TriangleMesh read = read_mesh(folder_ / name);
+    expect_same_surface(read, star_);
+    EXPECT_TRUE(analyse_topology(read).watertight());
+    EXPECT_FALSE(std::filesystem::exists(folder_ / (std::string(name) + ".partial")));
+  }
+}
+
+TEST_F(MeshFile, ReadsAStlThatAnotherProgramWrote) {
+  expect_same_surface(read_mesh(folder_.write("hand.stl", binary_stl(star_))), star_);
+  // The other way round: what is written has the layout of the format.
+  write_mesh(folder_ / "ours.stl", star_);
+  const std::string bytes = TemporaryFolder::read(folder_ / "ours.stl");
+  ASSERT_EQ(bytes.size(), 84 + 50 * star_.triangles.size());
+  EXPECT_NE(bytes.substr(0, 5), "solid") << "readers would take it for ascii";
+  for (size_t t = 0; t < star_.triangles.size(); ++t)
+    for (int k = 0; k < 3; ++k) {
+      Eigen::Vector3f v;
+      std::memcpy(v.data(), bytes.data() + 84 + 50 * t + 12 * (k + 1), 12);
+      ASSERT_EQ(v, star_.vertices[star_.triangles[t][k]]);
+    }
+}
+
+TEST_F(MeshFile, ReadsAsciiStlAndObj) {
+  const auto stl = folder_.write("a.stl",
+                                 "solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1.5 0 0\n"
+                                 "vertex 0 2.5 0\nendloop\nendfacet\nendsolid a\n");
+  const auto obj = folder_.write("a.obj", "v 0 0 0\nv 1.5 0 0\nv 0 2.5 0\nf 1 2 3\n");
+  for (const auto& path : {stl, obj}) {
+    const TriangleMesh mesh = read_mesh(path);
+    ASSERT_EQ(mesh.triangles.size(), 1u) << path;
+    EXPECT_NEAR(mesh.area(0), 0.5 * 1.5 * 2.5, 1e-6);
+    EXPECT_GT(mesh.normal(0).z(), 0.99f);
+  }
+}
+
+TEST_F(MeshFile, ReadsAsciiPlyWithPolygons) {
+  const std::string head =
+      "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
+      "element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n2 0 0\n2 3 0\n0 3 0\n";
+  const TriangleMesh mesh = read_mesh(folder_.write("quad.ply", head + "4 0 1 2 3\n"));
+  ASSERT_EQ(mesh.triangles.size(), 2u);
+  EXPECT_NEAR(mesh.surface_area(), 6, 1e-6);
+  EXPECT_GT(mesh.normal(0).z(), 0.99f);
+  const auto outside = folder_.write("outside.ply", head + "4 0 1 2 4\n");
+  expect_input_error([&] { read_mesh(outside); }, {outside.string(), "does not exist"});
+}
+
+TEST_F(MeshFile, UnitScalesToMillimetres) {
+  write_mesh(folder_ / "m.stl", box_mesh({0, 0, 0}, {0.25f, 0.5f, 1}));
+  EXPECT_EQ(read_mesh(folder_ / "m.stl", 1000).bounds().max(), Eigen::Vector3f(250, 500, 1000));
+}
+
+TEST_F(MeshFile, BrokenFilesAreNamed) {
+  const auto refused = [&](const std::filesystem::path& path) {
+    expect_input_error([&] { read_mesh(path); }, {path.string()});
+  };
+  refused(folder_ / "absent.stl");
+  std::filesystem::create_directory(folder_ / "directory.stl");
+  refused(folder_ / "directory.stl");
+  for (const char* extension : {"stl", "ply", "obj"}) {
+    SCOPED_TRACE(extension);
+    refused(folder_.write(std::string("empty.") + extension, ""));
+    refused(folder_.write(std::string("text.") + extension, "Dear reader, this is no mesh at all.\n"));
+  }
+  refused(folder_.write("no_triangles.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\n"));
+  refused(folder_.write("mesh.unknown", "solid"));
+  refused(folder_.write("collapsed.stl", binary_stl({{{1, 1, 1}, {1, 1, 1}, {1, 1, 1}}, {{0, 1, 2}}})));
+}
+
+TEST_F(MeshFile, CoordinatesThatAreNotFiniteAreRefused) {
+  for (const float bad : {std::numeric_limits<float>::quiet_NaN(), std::numeric_limits<float>::infinity()}) {
+    TriangleMesh mesh = star_;
+    mesh.vertices[5].y() = bad;
+    const auto path = folder_.write("nan.stl", binary_stl(mesh));
+    expect_input_error([&] { read_mesh(path); }, {path.string(), "finite"});
+  }
+}
+
+TEST_F(MeshFile, TruncatedFilesAreRefusedAndNeverCrash) {
+  write_mesh(folder_ / "whole.stl", star_);
+  write_mesh(folder_ / "whole.ply", star_);
+  for (const char* extension : {"stl", "ply"}) {
+    const std::string bytes = TemporaryFolder::read(folder_ / (std::string("whole.") + extension));
+    for (int part = 0; part < 20; ++part) {
+      SCOPED_TRACE(std::string(extension) + " cut to " + std::to_string(part) + "/20");
+      const auto path =
+          folder_.write(std::string("cut.") + extension, bytes.substr(0, bytes.size() * part / 20));
+      expect_input_error([&] { read_mesh(path); }, {path.string()});
+    }
+  }
+}
+
+TEST_F(MeshFile, WhatCannotBeWrittenIsNamed) {
+  expect_input_error([&] { write_mesh(folder_ / "a.obj", star_); }, {(folder_ / "a.obj").string(), ".stl"});
+  expect_input_error([&] { write_mesh(folder_ / "no/such/folder.stl", star_); }, {"no/such/folder.stl"});
+  std::filesystem::create_directory(folder_ / "directory.stl");
+  expect_input_error([&] { write_mesh(folder_ / "directory.stl", star_); }, {"directory.stl"});
+}
+
+}  // namespace
+}  // namespace gantry

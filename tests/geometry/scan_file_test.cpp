@@ -1,0 +1,168 @@
+#include "gantry/geometry/scan_file.h"
+
+#include <gtest/gtest.h>
+
+#include <random>
+
+#include "foundation/expect_input_error.h"
+#include "foundation/temporary_folder.h"
+
+namespace gantry {
+namespace {
+
+class ScanFileTest : public ::testing::Test {
+ protected:
+  ScanFileTest() {
+    scan_.width = 13;
+    scan_.height = 7;
+    std::uniform_real_distribution<float> uniform(-200, 200);
+    for (int i = 0; i < scan_.width * scan_.height; ++i) {
+      const float x = uniform(random_), y = uniform(random_), z = 500 + uniform(random_);
+      scan_.points.push_back(i % 4 == 1 ? invalid_point() : Eigen::Vector3f(x, y, z));
+    }
+  }
+  /// Reads a file cut at every twentieth: either InputError that names it, or a scan whose size is sound.
+  void expect_sound_when_cut(const std::string& bytes, const std::string& extension) {
+    for (int part = 0; part < 20; ++part) {
+      SCOPED_TRACE(extension + " cut to " + std::to_string(part) + "/20");
+      const auto path = folder_.write("cut" + extension, bytes.substr(0, bytes.size() * part / 20));
+      try {
+        const Scan scan = read_scan(path).scan;
+        EXPECT_EQ(scan.points.size(), static_cast<size_t>(scan.width) * scan.height);
+        EXPECT_GT(scan.valid_count(), 0u);
+      } catch (const InputError& error) {
+        EXPECT_NE(std::string(error.what()).find(path.string()), std::string::npos) << error.what();
+      }
+    }
+  }
+
+  std::mt19937 random_{5};
+  TemporaryFolder folder_;
+  Scan scan_;
+};
+
+const std::string kGridPly =
+    "ply\nformat ascii 1.0\nobj_info num_cols 3\nobj_info num_rows 2\nelement vertex 4\n"
+    "property float x\nproperty float y\nproperty float z\nelement range_grid 6\n"
+    "property list uchar int vertex_indices\nend_header\n"
+    "1 2 300\n4 5 600\n7 8 900\n10 11 1200\n"
+    "1 0\n0\n1 1\n1 3\n1 2\n0\n";
+
+TEST_F(ScanFileTest, PointsAndGapsComeBackExactly) {
+  write_scan(folder_ / "a.pcd", scan_, Pose::Identity());
+  const ScanFile read = read_scan(folder_ / "a.pcd");
+  EXPECT_FALSE(read.has_pose);
+  EXPECT_TRUE(read.scan.organised());
+  ASSERT_EQ(read.scan.width, scan_.width);
+  ASSERT_EQ(read.scan.height, scan_.height);
+  EXPECT_EQ(read.scan.valid_count(), scan_.valid_count());
+  for (size_t i = 0; i < scan_.points.size(); ++i) {
+    ASSERT_EQ(read.scan.valid(i), scan_.valid(i));
+    if (scan_.valid(i))
+      ASSERT_EQ(read.scan.points[i], scan_.points[i]);
+    else
+      ASSERT_TRUE(read.scan.points[i].array().isNaN().all());
+  }
+  EXPECT_FALSE(std::filesystem::exists(folder_ / "a.pcd.partial"));
+}
+
+TEST_F(ScanFileTest, ViewpointKeepsThePose) {
+  std::uniform_real_distribution<double> uniform(-1, 1);
+  for (int i = 0; i < 50; ++i) {
+    const auto vector = [&](double half_size) -> Eigen::Vector3d {
+      const double x = uniform(random_), y = uniform(random_), z = uniform(random_);
+      return half_size * Eigen::Vector3d(x, y, z);
+    };
+    const Pose pose = pose_from_position_rpy(vector(3000), vector(3));
+    write_scan(folder_ / "a.pcd", scan_, pose);
+    const ScanFile read = read_scan(folder_ / "a.pcd");
+    ASSERT_TRUE(read.has_pose);
+    ASSERT_LT(translation_distance(read.part_from_sensor, pose), 1e-3);
+    ASSERT_LT(rotation_distance(read.part_from_sensor, pose), 1e-5);
+  }
+}
+
+TEST_F(ScanFileTest, PlyWithARangeGridIsOrganised) {
+  const ScanFile read = read_scan(folder_.write("grid.ply", kGridPly));
+  EXPECT_FALSE(read.has_pose);
+  ASSERT_EQ(read.scan.width, 3);
+  ASSERT_EQ(read.scan.height, 2);
+  ASSERT_EQ(read.scan.points.size(), 6u);
+  EXPECT_EQ(read.scan.valid_count(), 4u);
+  EXPECT_EQ(read.scan.points[read.scan.index(0, 0)], Eigen::Vector3f(1, 2, 300));
+  EXPECT_FALSE(read.scan.valid(read.scan.index(1, 0)));
+  EXPECT_EQ(read.scan.points[read.scan.index(2, 0)], Eigen::Vector3f(4, 5, 600));
+  EXPECT_EQ(read.scan.points[read.scan.index(0, 1)], Eigen::Vector3f(10, 11, 1200));
+  EXPECT_EQ(read.scan.points[read.scan.index(1, 1)], Eigen::Vector3f(7, 8, 900));
+  EXPECT_FALSE(read.scan.valid(read.scan.index(2, 1)));
+}
+
+TEST_F(ScanFileTest, ARangeGridThatPointsOutsideIsRefused) {
+  std::string bytes = kGridPly;
+  bytes.replace(bytes.find("1 3\n"), 4, "1 9\n");
+  const auto path = folder_.write("outside.ply", bytes);
+  expect_input_error([&] { read_scan(path); }, {path.string()});
+}
+
+TEST_F(ScanFileTest, MetresAreScaledWithTheirPose) {
+  const auto path =
+      folder_.write("m.pcd",
+                    "VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 2\nHEIGHT 1\n"
+                    "VIEWPOINT 1 0 0.5 0 1 0 0\nPOINTS 2\nDATA ascii\n0.1 0.2 0.3\nnan 0 1\n");
+  const ScanFile read = read_scan(path, 1000);
+  EXPECT_FALSE(read.scan.organised());
+  EXPECT_TRUE(read.scan.points[0].isApprox(Eigen::Vector3f(100, 200, 300), 1e-6f));
+  EXPECT_FALSE(read.scan.valid(1));
+  EXPECT_TRUE(read.scan.points[1].array().isNaN().all()) << "a gap is NaN in all three coordinates";
+  ASSERT_TRUE(read.has_pose);
+  EXPECT_TRUE(read.part_from_sensor.translation().isApprox(Eigen::Vector3d(1000, 0, 500)));
+  EXPECT_TRUE(
+      read.part_from_sensor.linear().isApprox(Eigen::Vector3d(1, -1, -1).asDiagonal().toDenseMatrix()));
+}
+
+TEST_F(ScanFileTest, BrokenFilesAreNamed) {
+  const auto refused = [&](const std::filesystem::path& path) {
+    expect_input_error([&] { read_scan(path); }, {path.string()});
+  };
+  refused(folder_ / "absent.pcd");
+  for (const std::string extension : {".pcd", ".ply"}) {
+    std::filesystem::create_directory(folder_ / ("directory" + extension));
+    refused(folder_ / ("directory" + extension));
+    refused(folder_.write("empty" + extension, ""));
+    refused(folder_.write("text" + extension, "Dear reader, this is no scan.\n"));
+  }
+  refused(folder_.write("scan.txt", "0 0 0\n"));
+  const std::string head =
+      "VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 1\nHEIGHT 1\n";
+  refused(folder_.write("gaps.pcd", head + "VIEWPOINT 0 0 0 1 0 0 0\nPOINTS 1\nDATA ascii\nnan nan nan\n"));
+  refused(folder_.write("pose.pcd", head + "VIEWPOINT 0 0 0 0 0 0 0\nPOINTS 1\nDATA ascii\n1 2 3\n"));
+  refused(folder_.write("nan_pose.pcd", head + "VIEWPOINT nan 0 0 1 0 0 0\nPOINTS 1\nDATA ascii\n1 2 3\n"));
+  refused(folder_.write("no_z.pcd",
+                        "VERSION 0.7\nFIELDS x y\nSIZE 4 4\nTYPE F F\nCOUNT 1 1\nWIDTH 1\nHEIGHT 1\n"
+                        "VIEWPOINT 0 0 0 1 0 0 0\nPOINTS 1\nDATA ascii\n1 2\n"));
+}
+
+TEST_F(ScanFileTest, TruncatedFilesNeverCrash) {
+  write_scan(folder_ / "whole.pcd", scan_, Pose::Identity());
+  expect_sound_when_cut(TemporaryFolder::read(folder_ / "whole.pcd"), ".pcd");
+  expect_sound_when_cut(kGridPly, ".ply");
+}
+
+TEST_F(ScanFileTest, ABinaryScanThatLacksPointsIsRefused) {
+  write_scan(folder_ / "whole.pcd", scan_, Pose::Identity());
+  std::string bytes = TemporaryFolder::read(folder_ / "whole.pcd");
+  bytes.resize(bytes.size() - 12);
+  const auto path = folder_.write("cut.pcd", bytes);
+  expect_input_error([&] { read_scan(path); }, {path.string()});
+}
+
+TEST_F(ScanFileTest, WhatCannotBeWrittenIsNamed) {
+  expect_input_error([&] { write_scan(folder_ / "no/such/a.pcd", scan_, Pose::Identity()); },
+                     {"no/such/a.pcd"});
+  std::filesystem::create_directory(folder_ / "directory.pcd");
+  expect_input_error([&] { write_scan(folder_ / "directory.pcd", scan_, Pose::Identity()); },
+                     {"directory.pcd"});
+}
+
+}  // namespace
+}  // namespace gantry
