@@ -14,7 +14,7 @@
 namespace gantry::internal {
 namespace {
 
-constexpr size_t kPeakNeighbours = 5;
+constexpr size_t kPeakNeighbours = 3;
 
 /// Union-find.
 class Groups {

@@ -20,8 +20,9 @@ struct InspectionOptions {
   bool align = true;        ///< Best fit to the CAD model first; otherwise the cloud is taken as it stands.
   AlignmentOptions alignment;
   double max_distance_mm = 10;  ///< Points further from the CAD surface than this do not belong to the part.
-  double max_angle_rad =
-      1.0472;  ///< A point is measured to faces whose normal is within this of its own (60 degrees).
+  /// A point is measured to faces whose normal is within this of its own (100 degrees): never to the
+  /// other face of a thin wall, but past an edge.
+  double max_angle_rad = 1.7453;
   double averaging_radius_mm = 0.5;  ///< Points are smoothed over this radius on the surface before they are
                                      ///< measured; at least twice the spacing of the points is used.
   double link_distance_mm = 3.0;  ///< Out-of-tolerance points closer than this belong to one defect (the two
