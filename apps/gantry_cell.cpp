@@ -264,7 +264,8 @@ int main(int argc, char** argv) {
   CLI::App app{
       "Runs an inspection cell: drives the stages through a plan, scans, registers, inspects, reports.\n"
       "Example: gantry-cell run --cell examples/cells/simulated.yaml --plan examples/plans/bracket.yaml\n"
-      "                         --reference examples/parts/bracket.stl --out runs/first"};
+      "                         --reference examples/parts/bracket.stl --out runs/first",
+      "gantry-cell"};
   CommonOptions common;
   add_common_options(app, common);
   app.require_subcommand(1);

@@ -135,7 +135,8 @@ int main(int argc, char** argv) {
       "Registers scans into one cloud and inspects clouds against a CAD model.\n"
       "Example: gantry-fusion register scans/*.ply --initial POSES.txt --out registered\n"
       "         gantry-fusion inspect --cloud registered/merged.ply --reference part.stl --tolerance 0.2 "
-      "--out inspected"};
+      "--out inspected",
+      "gantry-fusion"};
   CommonOptions common;
   add_common_options(app, common);
   app.require_subcommand(1);

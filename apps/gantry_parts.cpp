@@ -1,10 +1,10 @@
 // Writes the demo parts: bracket.stl, bracket_defective.stl with its truth, and the holder.
 
-#include <CLI/CLI.hpp>
 #include <cstdio>
 #include <fstream>
 #include <nlohmann/json.hpp>
 
+#include "app.h"
 #include "gantry/foundation/error.h"
 #include "gantry/geometry/mesh_file.h"
 #include "gantry/geometry/mesh_topology.h"
@@ -39,16 +39,20 @@ int main(int argc, char** argv) {
   CLI::App app{
       "Writes the demo parts: a sheet-metal bracket, the same with seeded defects and their truth, and its "
       "holder.\n"
-      "Example: gantry-parts --out examples/parts"};
+      "Example: gantry-parts --out examples/parts",
+      "gantry-parts"};
+  gantry::CommonOptions common;
+  gantry::add_common_options(app, common);
   std::filesystem::path out;
   double threshold_mm = 0.2;
   app.add_option("--out", out, "Folder to write to")->required();
   app.add_option("--threshold", threshold_mm,
                  "Deviation above which surface counts as defective in the truth file, mm")
       ->capture_default_str();
-  CLI11_PARSE(app, argc, argv);
-  try {
-    std::filesystem::create_directories(out);
+  return gantry::run_app(app, argc, argv, common, [&] {
+    std::error_code error;
+    std::filesystem::create_directories(out, error);
+    if (error) throw gantry::InputError(out.string() + ": cannot be created: " + error.message());
     const auto write = [&](const char* name, const gantry::TriangleMesh& mesh) {
       gantry::write_mesh(out / name, mesh);
       std::printf("%s: %zu triangles, %s\n", (out / name).c_str(), mesh.triangles.size(),
@@ -58,9 +62,6 @@ int main(int argc, char** argv) {
     write("bracket_defective.stl", gantry::make_bracket(gantry::seeded_defects()));
     write("holder.stl", gantry::make_holder());
     std::ofstream(out / "bracket_defective.truth.json") << truth_json(threshold_mm).dump(2) << "\n";
-    return 0;
-  } catch (const std::exception& e) {
-    std::fprintf(stderr, "gantry-parts: %s\n", e.what());
-    return static_cast<int>(gantry::ExitCode::kInputError);
-  }
+    return gantry::ExitCode::kPass;
+  });
 }

@@ -69,7 +69,8 @@ int main(int argc, char** argv) {
       "The digital twin: a simulated inspection cell that speaks the real protocols on loopback.\n"
       "Prints one line 'ready' when every server listens; stops at Ctrl-C.\n"
       "Example: gantry-twin --cell examples/cells/twin.yaml --part examples/parts/bracket_defective.stl "
-      "--seed 1"};
+      "--seed 1",
+      "gantry-twin"};
   CommonOptions common;
   add_common_options(app, common);
   std::filesystem::path cell_path;

@@ -1,0 +1,154 @@
+#include "gantry/fusion/fusion.h"
+
+#include <gtest/gtest.h>
+#include <tbb/global_control.h>
+
+#include <cstring>
+#include <numbers>
+
+#include "foundation/expect_input_error.h"
+#include "fusion/scenes.h"
+#include "geometry/solids.h"
+
+namespace gantry {
+namespace {
+
+constexpr double kDegree = std::numbers::pi / 180;
+constexpr double kTagShiftMm = 0.6, kTagRotationRad = 0.3 * kDegree;
+
+/// Four views around the bracket. All tags but the first are wrong, by as much as their covariance says.
+struct Views {
+  std::vector<TaggedScan> scans;
+  std::vector<Pose> truth;
+};
+
+const Views& bracket_views() {
+  static const Views views = [] {
+    Views v;
+    std::mt19937 random(31);
+    const RayScene scene(make_bracket());
+    for (int i = 0; i < 4; ++i) {
+      v.truth.push_back(bracket_view(0.4 + i * std::numbers::pi / 2, 0.9));
+      TaggedScan scan =
+          scan_of(scene, small_sensor(), v.truth.back(), static_cast<uint64_t>(i), "view" + std::to_string(i));
+      if (i > 0)
+        scan.part_from_sensor.mean =
+            random_motion(random, bracket_middle(), kTagShiftMm, kTagRotationRad) * v.truth.back();
+      scan.part_from_sensor.independent = covariance_about(bracket_middle(), kTagShiftMm, kTagRotationRad);
+      v.scans.push_back(std::move(scan));
+    }
+    return v;
+  }();
+  return views;
+}
+
+FusionResult fuse(const std::vector<TaggedScan>& scans) {
+  Fusion fusion({});
+  for (const TaggedScan& scan : scans) fusion.add(scan);
+  EXPECT_EQ(fusion.size(), scans.size());
+  return fusion.finish();
+}
+
+bool same_bits(const Pose& a, const Pose& b) {
+  return std::memcmp(a.data(), b.data(), 16 * sizeof(double)) == 0;
+}
+
+TEST(Fusion, PutsTheViewsTogether) {
+  const Views& views = bracket_views();
+  const FusionResult result = fuse(views.scans);
+  EXPECT_TRUE(result.trusted) << result.reason;
+  EXPECT_EQ(result.reason, "");
+  EXPECT_FALSE(result.normals_flipped);
+  ASSERT_EQ(result.scans.size(), 4u);
+  EXPECT_TRUE(same_bits(result.scans[0].part_from_sensor.mean, views.scans[0].part_from_sensor.mean));
+  for (size_t i = 0; i < 4; ++i) {
+    const ScanResult& scan = result.scans[i];
+    const ScanSurface surface = preprocess(views.scans[i], {});
+    const double before =
+        worst_displacement_mm(surface, views.scans[i].part_from_sensor.mean, views.truth[i]);
+    const double after = worst_displacement_mm(surface, scan.part_from_sensor.mean, views.truth[i]);
+    EXPECT_EQ(scan.name, "view" + std::to_string(i));
+    EXPECT_TRUE(scan.connected);
+    EXPECT_EQ(scan.points, surface.cloud.size());
+    EXPECT_LT(after, 0.1) << "before: " << before;
+    if (i > 0) {
+      EXPECT_GT(before, 0.5);
+      EXPECT_NEAR(scan.moved_mm, kTagShiftMm, 0.25);
+    }
+  }
+  EXPECT_GT(result.before.matches, 10000u);
+  EXPECT_LT(result.after.rms_mm, 0.5 * result.before.rms_mm);
+  // Two noisy points are compared: sqrt(2) times the sensor's noise, a tenth trimmed.
+  EXPECT_LT(result.after.rms_mm, 0.09);
+}
+
+TEST(Fusion, MergedCloudLiesOnThePart) {
+  const FusionResult result = fuse(bracket_views().scans);
+  const RayScene part(make_bracket());
+  ASSERT_GT(result.merged.size(), 10000u);
+  ASSERT_TRUE(result.merged.has_normals());
+  ASSERT_TRUE(result.merged.has_sigma());
+  EXPECT_GT(result.voxel_mm, 0);
+  size_t far = 0;
+  for (const auto& p : result.merged.points) far += !part.closest(p, 0.3f).has_value();
+  EXPECT_LT(static_cast<double>(far), 2e-3 * static_cast<double>(result.merged.size()));
+}
+
+TEST(Fusion, ThreadsDoNotChangeTheResult) {
+  std::vector<FusionResult> results;
+  for (const size_t threads : {1, 2}) {
+    const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
+    results.push_back(fuse(bracket_views().scans));
+  }
+  for (size_t i = 0; i < 4; ++i)
+    EXPECT_TRUE(same_bits(results[0].scans[i].part_from_sensor.mean,
+                          results[1].scans[i].part_from_sensor.mean));
+  EXPECT_EQ(results[0].after.rms_mm, results[1].after.rms_mm);
+  ASSERT_EQ(results[0].merged.size(), results[1].merged.size());
+  EXPECT_EQ(std::memcmp(results[0].merged.points.data(), results[1].merged.points.data(),
+                        results[0].merged.size() * sizeof(Eigen::Vector3f)),
+            0);
+}
+
+TEST(Fusion, AScanWithNothingInCommonIsNotTrusted) {
+  std::vector<TaggedScan> scans(bracket_views().scans.begin(), bracket_views().scans.begin() + 2);
+  const RayScene elsewhere(box_mesh({400, 400, 0}, {480, 460, 30}));
+  scans.push_back(scan_of(elsewhere, small_sensor(), looking_at({440, 430, 530}, {440, 430, 30}), 9, "astray"));
+  scans.back().part_from_sensor.independent = scans[1].part_from_sensor.independent;
+  const FusionResult result = fuse(scans);
+  EXPECT_FALSE(result.trusted);
+  EXPECT_NE(result.reason.find("astray"), std::string::npos) << result.reason;
+  EXPECT_EQ(result.reason.find("view"), std::string::npos) << result.reason;
+  EXPECT_TRUE(result.scans[1].connected);
+  EXPECT_FALSE(result.scans[2].connected);
+  EXPECT_LT(translation_distance(result.scans[2].part_from_sensor.mean, scans[2].part_from_sensor.mean), 1e-6);
+}
+
+TEST(Fusion, GoesOnWithoutAnUnusableScan) {
+  TaggedScan empty = bracket_views().scans[1];
+  empty.name = "empty";
+  empty.scan.points.assign(empty.scan.points.size(), invalid_point());
+  Fusion fusion({});
+  fusion.add(bracket_views().scans[0]);
+  expect_input_error([&] { fusion.add(empty); }, {"empty"});
+  fusion.add(bracket_views().scans[1]);
+  EXPECT_EQ(fusion.size(), 2u);
+  const FusionResult result = fusion.finish();
+  EXPECT_TRUE(result.trusted) << result.reason;
+  EXPECT_EQ(result.scans.size(), 2u);
+}
+
+TEST(Fusion, WithoutScansThereIsNothingToFinish) {
+  Fusion fusion({});
+  expect_input_error([&] { fusion.finish(); }, {"no scan"});
+}
+
+TEST(Fusion, OneScanIsItsOwnResult) {
+  const FusionResult result = fuse({bracket_views().scans[0]});
+  EXPECT_TRUE(result.trusted) << result.reason;
+  EXPECT_TRUE(result.edges.empty());
+  EXPECT_GT(result.merged.size(), 1000u);
+}
+
+}  // namespace
+}  // namespace gantry
