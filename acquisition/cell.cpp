@@ -47,7 +47,8 @@ AxisSettings read_axis(StrictYaml yaml, const Joint& joint) {
   if (axis.drive.profile == "iai_robo_cylinder" && !linear)
     yaml.fail("drive", "iai_robo_cylinder is a linear drive, but joint '" + joint.name + "' is revolute");
   if (axis.drive.profile == "oriental_motor_az" && linear)
-    yaml.fail("drive", "oriental_motor_az drives revolute joints here, but joint '" + joint.name + "' is prismatic");
+    yaml.fail("drive",
+              "oriental_motor_az drives revolute joints here, but joint '" + joint.name + "' is prismatic");
   yaml.finish();
   return axis;
 }

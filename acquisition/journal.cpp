@@ -61,7 +61,8 @@ nlohmann::json numbers(const Matrix& m) {
 template <typename Matrix>
 void read_numbers(const nlohmann::json& json, Matrix& m) {
   for (Eigen::Index r = 0; r < m.rows(); ++r)
-    for (Eigen::Index c = 0; c < m.cols(); ++c) m(r, c) = json.at(static_cast<size_t>(r * m.cols() + c)).get<double>();
+    for (Eigen::Index c = 0; c < m.cols(); ++c)
+      m(r, c) = json.at(static_cast<size_t>(r * m.cols() + c)).get<double>();
 }
 
 std::string tag_json(const ScanRecord& record) {
@@ -104,17 +105,25 @@ Journal::Journal(const std::filesystem::path& path) : path_(path) {
     // Every transaction is on the disk before it counts.
     execute("PRAGMA synchronous = FULL");
     execute("CREATE TABLE IF NOT EXISTS facts (name TEXT PRIMARY KEY, value TEXT NOT NULL)");
-    execute("CREATE TABLE IF NOT EXISTS events (id INTEGER PRIMARY KEY, at TEXT NOT NULL, kind TEXT NOT NULL, text TEXT NOT NULL)");
-    execute("CREATE TABLE IF NOT EXISTS scans (viewpoint INTEGER PRIMARY KEY, file TEXT NOT NULL, tag TEXT NOT NULL)");
+    execute(
+        "CREATE TABLE IF NOT EXISTS events (id INTEGER PRIMARY KEY, at TEXT NOT NULL, kind TEXT NOT NULL, "
+        "text TEXT NOT NULL)");
+    execute(
+        "CREATE TABLE IF NOT EXISTS scans (viewpoint INTEGER PRIMARY KEY, file TEXT NOT NULL, tag TEXT NOT "
+        "NULL)");
   } catch (...) {
     sqlite3_close(db_);
     throw;
   }
 }
 
-Journal::~Journal() { sqlite3_close(db_); }
+Journal::~Journal() {
+  sqlite3_close(db_);
+}
 
-void Journal::execute(const std::string& sql) const { Statement(db_, sql, path_).step(); }
+void Journal::execute(const std::string& sql) const {
+  Statement(db_, sql, path_).step();
+}
 
 void Journal::set_facts(const std::map<std::string, std::string>& facts) {
   execute("BEGIN");
@@ -131,7 +140,11 @@ std::map<std::string, std::string> Journal::facts() const {
 }
 
 void Journal::add_event(const std::string& kind, const std::string& text) {
-  Statement(db_, "INSERT INTO events (at, kind, text) VALUES (?, ?, ?)", path_).bind(utc_now()).bind(kind).bind(text).step();
+  Statement(db_, "INSERT INTO events (at, kind, text) VALUES (?, ?, ?)", path_)
+      .bind(utc_now())
+      .bind(kind)
+      .bind(text)
+      .step();
 }
 
 void Journal::add_scan(const ScanRecord& record) {

@@ -15,7 +15,9 @@ constexpr double kBrakingTime_s = 3.0;  ///< Longer than any stage needs to come
 Motion::Motion(std::vector<std::unique_ptr<Axis>> axes, std::vector<AxisSettings> settings, Clock& clock)
     : axes_(std::move(axes)), settings_(std::move(settings)), clock_(clock) {}
 
-Motion::~Motion() { stop_all("the program ended"); }
+Motion::~Motion() {
+  stop_all("the program ended");
+}
 
 void Motion::stop_all(const std::string& reason) {
   std::vector<Axis*> stopping;

@@ -24,8 +24,9 @@ std::vector<double> read_joints(StrictYaml yaml, const Cell& cell) {
     if (value < axis.limits.lower || value > axis.limits.upper) {
       const double scale = linear ? 1.0 : kDegPerRad;
       char text[160];
-      std::snprintf(text, sizeof text, "%.3f lies outside the soft limits of axis %s, %.3f to %.3f %s", value * scale,
-                    axis.name.c_str(), axis.limits.lower * scale, axis.limits.upper * scale, linear ? "mm" : "deg");
+      std::snprintf(text, sizeof text, "%.3f lies outside the soft limits of axis %s, %.3f to %.3f %s",
+                    value * scale, axis.name.c_str(), axis.limits.lower * scale, axis.limits.upper * scale,
+                    linear ? "mm" : "deg");
       yaml.fail(key, text);
     }
     q.push_back(value);
@@ -52,11 +53,12 @@ std::vector<double> read_sensor_pose(StrictYaml yaml, const Cell& cell) {
   const InverseResult found = nearest_view(cell.chain, target, lower, upper);
   if (found.position_error_mm > position_tolerance || found.direction_error_rad > direction_tolerance) {
     char text[200];
-    std::snprintf(text, sizeof text,
-                  "no joint positions within the soft limits reach this view; the nearest is %.1f mm and %.1f deg off "
-                  "(allowed: %.1f mm, %.1f deg)",
-                  found.position_error_mm, found.direction_error_rad * kDegPerRad, position_tolerance,
-                  direction_tolerance * kDegPerRad);
+    std::snprintf(
+        text, sizeof text,
+        "no joint positions within the soft limits reach this view; the nearest is %.1f mm and %.1f deg off "
+        "(allowed: %.1f mm, %.1f deg)",
+        found.position_error_mm, found.direction_error_rad * kDegPerRad, position_tolerance,
+        direction_tolerance * kDegPerRad);
     yaml.fail("position_mm", text);
   }
   return found.q;
@@ -82,7 +84,8 @@ Plan read_plan(const std::filesystem::path& path, const Cell& cell) {
     if (!names.insert(view.name).second) entry.fail("name", "two viewpoints are called '" + view.name + "'");
     if (entry.has("joints") == entry.has("sensor"))
       entry.fail("name", "viewpoint '" + view.name + "' needs either 'joints' or 'sensor'");
-    view.q = entry.has("joints") ? read_joints(entry.map("joints"), cell) : read_sensor_pose(entry.map("sensor"), cell);
+    view.q = entry.has("joints") ? read_joints(entry.map("joints"), cell)
+                                 : read_sensor_pose(entry.map("sensor"), cell);
     view.exposure_s = entry.number_or("exposure_ms", exposure_ms, {1, 10000}) / 1000;
     view.dwell_s = entry.number_or("dwell_s", dwell_s, {0, 600});
     entry.finish();

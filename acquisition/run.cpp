@@ -1,5 +1,6 @@
 #include "gantry/acquisition/run.h"
 
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <set>
@@ -36,7 +37,12 @@ Result<std::pair<Scan, ScanRecord>> scan_viewpoint(const Cell& cell, const Viewp
   stage("moving");
   auto still = motion.move_to(view.q);
   if (!still) return tl::make_unexpected(still.error());
-  if (view.dwell_s > 0) clock.sleep_s(view.dwell_s);
+  const double dwell_ends_s = clock.now_s() + view.dwell_s;
+  while (clock.now_s() <
+         dwell_ends_s) {  // watching the axes, so that a fault or the operator is not kept waiting
+    if (auto positions = motion.read_positions(); !positions) return tl::make_unexpected(positions.error());
+    clock.sleep_s(std::min(0.1, dwell_ends_s - clock.now_s()));
+  }
   stage("capturing");
   auto capture = capture_with_repeats(scanner, view, journal);
   if (!capture) return tl::make_unexpected(capture.error());

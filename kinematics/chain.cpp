@@ -38,7 +38,9 @@ Pose Chain::base_from_part(std::span<const double> q) const {
   return pose * base_from_part_at_zero;
 }
 
-Pose Chain::part_from_sensor(std::span<const double> q) const { return base_from_part(q).inverse() * base_from_sensor; }
+Pose Chain::part_from_sensor(std::span<const double> q) const {
+  return base_from_part(q).inverse() * base_from_sensor;
+}
 
 Eigen::Matrix<double, 6, Eigen::Dynamic> Chain::joint_jacobian(std::span<const double> q) const {
   // With base_from_part = A exp(S q) C, a step dq of this joint changes part_from_sensor on its left by
@@ -70,8 +72,10 @@ UncertainPose Chain::uncertain_part_from_sensor(std::span<const double> q) const
     after = motion * after;
   }
   Matrix6d mounting = Matrix6d::Zero();
-  mounting.topLeftCorner<3, 3>().diagonal().setConstant(sensor_rotation_sigma_rad * sensor_rotation_sigma_rad);
-  mounting.bottomRightCorner<3, 3>().diagonal().setConstant(sensor_position_sigma_mm * sensor_position_sigma_mm);
+  mounting.topLeftCorner<3, 3>().diagonal().setConstant(sensor_rotation_sigma_rad *
+                                                        sensor_rotation_sigma_rad);
+  mounting.bottomRightCorner<3, 3>().diagonal().setConstant(sensor_position_sigma_mm *
+                                                            sensor_position_sigma_mm);
   const Matrix6d a = adjoint(result.mean);
   result.shared += a * mounting * a.transpose();
   return result;

@@ -37,8 +37,7 @@ double refine(const Chain& chain, const ViewTarget& target, std::span<const doub
     hessian.diagonal().array() += 1e-12;
     const Eigen::VectorXd step = hessian.ldlt().solve(-jacobian.transpose() * error);
     std::vector<double> next = q;
-    for (Eigen::Index i = 0; i < n; ++i)
-      next[i] = std::clamp(q[i] + step[i], lower[i], upper[i]);
+    for (Eigen::Index i = 0; i < n; ++i) next[i] = std::clamp(q[i] + step[i], lower[i], upper[i]);
     const Vector6d next_error = view_error(chain.part_from_sensor(next), target);
     if (next_error.squaredNorm() < error.squaredNorm()) {
       const bool settled = error.squaredNorm() - next_error.squaredNorm() < 1e-16;
@@ -66,7 +65,8 @@ InverseResult nearest_view(const Chain& chain, const ViewTarget& target, std::sp
     std::vector<double> q(n);
     size_t rest = s;
     for (size_t i = 0; i < n; ++i, rest /= kStartsPerJoint)
-      q[i] = lower[i] + (upper[i] - lower[i]) * (static_cast<double>(rest % kStartsPerJoint) + 0.5) / kStartsPerJoint;
+      q[i] = lower[i] +
+             (upper[i] - lower[i]) * (static_cast<double>(rest % kStartsPerJoint) + 0.5) / kStartsPerJoint;
     const double cost = refine(chain, target, lower, upper, q);
     if (cost < best_cost - 1e-12) {
       best_cost = cost;
@@ -75,7 +75,8 @@ InverseResult nearest_view(const Chain& chain, const ViewTarget& target, std::sp
   }
   const Pose pose = chain.part_from_sensor(best.q);
   best.position_error_mm = (pose.translation() - target.sensor_position_mm).norm();
-  best.direction_error_rad = std::acos(std::clamp(pose.linear().col(2).dot(target.viewing_direction), -1.0, 1.0));
+  best.direction_error_rad =
+      std::acos(std::clamp(pose.linear().col(2).dot(target.viewing_direction), -1.0, 1.0));
   return best;
 }
 

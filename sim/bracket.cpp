@@ -20,9 +20,15 @@ constexpr double kBackLength = 55, kBaseLength = 110, kFrontLength = 30;
 constexpr double kBend1 = kBackLength, kBase = kBend1 + kBendLength, kBend2 = kBase + kBaseLength,
                  kFront = kBend2 + kBendLength, kTotal = kFront + kFrontLength;
 
-double u_at_back_height(double z) { return 60 - z; }
-double u_at_base_x(double x) { return kBase + x - 5; }
-double u_at_front_height(double z) { return kFront + z - 5; }
+double u_at_back_height(double z) {
+  return 60 - z;
+}
+double u_at_base_x(double x) {
+  return kBase + x - 5;
+}
+double u_at_front_height(double z) {
+  return kFront + z - 5;
+}
 
 struct Hole {
   double u, v, radius, block;  // block: half side of the square that the O-grid fills
@@ -30,9 +36,9 @@ struct Hole {
 };
 
 std::vector<Hole> all_holes() {
-  return {{u_at_back_height(36), -14, 10, 14, false},   {u_at_base_x(20), -27, 4, 6, false},
-          {u_at_base_x(20), 27, 4, 6, false},           {u_at_base_x(100), -27, 4, 6, false},
-          {u_at_base_x(100), 27, 4, 6, true},           {u_at_front_height(20), -24, 3, 5, false},
+  return {{u_at_back_height(36), -14, 10, 14, false}, {u_at_base_x(20), -27, 4, 6, false},
+          {u_at_base_x(20), 27, 4, 6, false},         {u_at_base_x(100), -27, 4, 6, false},
+          {u_at_base_x(100), 27, 4, 6, true},         {u_at_front_height(20), -24, 3, 5, false},
           {u_at_front_height(20), 24, 3, 5, false}};
 }
 
@@ -52,14 +58,18 @@ constexpr double kDentV = 22, kDentRadius = 4;
 const double kBurrU = u_at_base_x(60);
 constexpr double kBurrV = -39, kBurrHalfWidth = 1, kBurrHalfLength = 6;
 
-double raised_cosine(double x) { return std::abs(x) < 1 ? std::pow(std::cos(pi / 2 * x), 2) : 0.0; }
+double raised_cosine(double x) {
+  return std::abs(x) < 1 ? std::pow(std::cos(pi / 2 * x), 2) : 0.0;
+}
 
 double bead(double u, double v) {
   const double along = std::max({kBeadFrom - u, u - kBeadTo, 0.0});
   return kBeadHeight * raised_cosine(std::hypot(along, v) / kBeadHalfWidth);
 }
 
-double dent(double u, double v) { return raised_cosine(std::hypot(u - kDentU, v - kDentV) / kDentRadius); }
+double dent(double u, double v) {
+  return raised_cosine(std::hypot(u - kDentU, v - kDentV) / kDentRadius);
+}
 
 double burr(double u, double v) {
   const double along = std::max(std::abs(u - kBurrU) - (kBurrHalfLength - kBurrHalfWidth), 0.0);
@@ -94,13 +104,15 @@ Eigen::Vector3d surface(double u, double v, int side, const BracketDefects& d) {
   return f.point + offset * f.normal;
 }
 
-/// Grid lines from `from` to `to`: no gap wider than `coarse`, and `fine` where details demand it. Marks are hit exactly.
+/// Grid lines from `from` to `to`: no gap wider than `coarse`, and `fine` where details demand it. Marks are
+/// hit exactly.
 std::vector<double> grid_lines(double from, double to, double coarse,
                                const std::vector<std::array<double, 3>>& fine_spans) {
   std::vector<double> marks = {from, to};
   for (const auto& s : fine_spans) marks.insert(marks.end(), {s[0], s[1]});
   std::sort(marks.begin(), marks.end());
-  marks.erase(std::unique(marks.begin(), marks.end(), [](double a, double b) { return b - a < 1e-6; }), marks.end());
+  marks.erase(std::unique(marks.begin(), marks.end(), [](double a, double b) { return b - a < 1e-6; }),
+              marks.end());
   std::vector<double> lines = {marks.front()};
   for (size_t i = 1; i < marks.size(); ++i) {
     const double a = marks[i - 1], b = marks[i], middle = 0.5 * (a + b);
@@ -186,8 +198,10 @@ FlatMesh mesh_flat_pattern(const BracketDefects& defects) {
   return mesh;
 }
 
-/// A closed shape swept by rotating a profile of (radius, z), from the axis and back to it, about a vertical axis.
-TriangleMesh revolve(const std::vector<Eigen::Vector2d>& profile, const Eigen::Vector3d& origin, int segments) {
+/// A closed shape swept by rotating a profile of (radius, z), from the axis and back to it, about a vertical
+/// axis.
+TriangleMesh revolve(const std::vector<Eigen::Vector2d>& profile, const Eigen::Vector3d& origin,
+                     int segments) {
   TriangleMesh mesh;
   const auto add = [&](double radius, double angle, double z) {
     mesh.vertices.push_back(
@@ -214,16 +228,20 @@ TriangleMesh revolve(const std::vector<Eigen::Vector2d>& profile, const Eigen::V
 
 }  // namespace
 
-BracketDefects seeded_defects() { return {0.4, true, 0.6, pi / 180.0}; }
+BracketDefects seeded_defects() {
+  return {0.4, true, 0.6, pi / 180.0};
+}
 
 TriangleMesh make_bracket(const BracketDefects& defects) {
   const FlatMesh flat = mesh_flat_pattern(defects);
   const int count = static_cast<int>(flat.nodes.size());
   TriangleMesh mesh;
   for (int side : {+1, -1})
-    for (const auto& n : flat.nodes) mesh.vertices.push_back(surface(n.x(), n.y(), side, defects).cast<float>());
+    for (const auto& n : flat.nodes)
+      mesh.vertices.push_back(surface(n.x(), n.y(), side, defects).cast<float>());
 
-  std::map<std::pair<int, int>, int> directed;  // half-edges of the inside face: those without a twin are cut edges
+  std::map<std::pair<int, int>, int>
+      directed;  // half-edges of the inside face: those without a twin are cut edges
   for (const auto& q : flat.quads) {
     mesh.triangles.emplace_back(q[0], q[1], q[2]);
     mesh.triangles.emplace_back(q[0], q[2], q[3]);
@@ -248,21 +266,25 @@ std::vector<DefectTruth> bracket_truth(const BracketDefects& defects, double thr
   };
   std::vector<Candidate> candidates;
   if (defects.dent_depth_mm > 0) {
-    candidates.push_back({"dent", [&](double u, double v, int side) { return side * defects.dent_depth_mm * dent(u, v); },
-                          kDentU - 5, kDentU + 5, kDentV - 5, kDentV + 5});
+    candidates.push_back(
+        {"dent", [&](double u, double v, int side) { return side * defects.dent_depth_mm * dent(u, v); },
+         kDentU - 5, kDentU + 5, kDentV - 5, kDentV + 5});
   }
   if (defects.missing_hole) {
     for (const Hole& h : all_holes()) {
       if (!h.may_be_missing) continue;
       // Material where the hole should be is as far from the CAD surface as from the hole's rim.
-      candidates.push_back({"missing_hole",
-                            [h](double u, double v, int) { return std::max(h.radius - std::hypot(u - h.u, v - h.v), 0.0); },
-                            h.u - 5, h.u + 5, h.v - 5, h.v + 5});
+      candidates.push_back(
+          {"missing_hole",
+           [h](double u, double v, int) { return std::max(h.radius - std::hypot(u - h.u, v - h.v), 0.0); },
+           h.u - 5, h.u + 5, h.v - 5, h.v + 5});
     }
   }
   if (defects.burr_height_mm > 0) {
-    candidates.push_back({"burr", [&](double u, double v, int side) { return side > 0 ? defects.burr_height_mm * burr(u, v) : 0.0; },
-                          kBurrU - 7, kBurrU + 7, kBurrV - 1, kBurrV + 2});
+    candidates.push_back(
+        {"burr",
+         [&](double u, double v, int side) { return side > 0 ? defects.burr_height_mm * burr(u, v) : 0.0; },
+         kBurrU - 7, kBurrU + 7, kBurrV - 1, kBurrV + 2});
   }
   if (defects.flange_bend_rad != 0) {
     candidates.push_back({"bent_flange",
@@ -285,7 +307,8 @@ std::vector<DefectTruth> bracket_truth(const BracketDefects& defects, double thr
     for (double u = c.u0 + kStep / 2; u < c.u1; u += kStep) {
       for (double v = c.v0 + kStep / 2; v < c.v1; v += kStep) {
         if (std::abs(v) > kWidth / 2) continue;
-        if (std::any_of(holes.begin(), holes.end(), [&](const Hole& h) { return std::hypot(u - h.u, v - h.v) < h.radius; }))
+        if (std::any_of(holes.begin(), holes.end(),
+                        [&](const Hole& h) { return std::hypot(u - h.u, v - h.v) < h.radius; }))
           continue;
         for (int side : {+1, -1}) {
           const double deviation = std::abs(c.deviation(u, v, side));
@@ -304,7 +327,8 @@ std::vector<DefectTruth> bracket_truth(const BracketDefects& defects, double thr
 }
 
 TriangleMesh make_holder() {
-  // A post that touches the base's underside, on a round plate; profiles run from the axis outwards, upwards and back.
+  // A post that touches the base's underside, on a round plate; profiles run from the axis outwards, upwards
+  // and back.
   const TriangleMesh post =
       revolve({{0, -60}, {50, -60}, {50, -50}, {11, -50}, {11, -0.02}, {0, -0.02}}, {60, 0, 0}, 64);
   const TriangleMesh screw = revolve({{0, 2.02}, {5, 2.02}, {5, 8}, {0, 8}}, {72, -24, 0}, 48);

@@ -29,14 +29,18 @@ struct PixelRandom {
 };
 
 struct TracedPixel {
-  float range = 0;    // along the ray, 0 where nothing is hit
-  float cosine = 0;   // of the incidence angle
+  float range = 0;   // along the ray, 0 where nothing is hit
+  float cosine = 0;  // of the incidence angle
 };
 
 }  // namespace
 
-double SensorModel::focal_x_px() const { return 0.5 * width / std::tan(0.5 * horizontal_fov_rad); }
-double SensorModel::focal_y_px() const { return 0.5 * height / std::tan(0.5 * vertical_fov_rad); }
+double SensorModel::focal_x_px() const {
+  return 0.5 * width / std::tan(0.5 * horizontal_fov_rad);
+}
+double SensorModel::focal_y_px() const {
+  return 0.5 * height / std::tan(0.5 * vertical_fov_rad);
+}
 
 Scan trace_scan(const SensorModel& model, const RayScene& scene, const Pose& begin_scene_from_sensor,
                 const Pose& end_scene_from_sensor, uint64_t seed, uint64_t scan_number) {
@@ -86,7 +90,8 @@ Scan trace_scan(const SensorModel& model, const RayScene& scene, const Pose& beg
         dropout += (1 - dropout) * (grazing_cosine - pixel.cosine) / (grazing_cosine - min_cosine);
       if (random.uniform() < dropout) continue;
       const double distance_ratio = pixel.range / 500.0;
-      double range = pixel.range + model.noise_mm * distance_ratio * distance_ratio / pixel.cosine * random.gaussian();
+      double range =
+          pixel.range + model.noise_mm * distance_ratio * distance_ratio / pixel.cosine * random.gaussian();
       if (random.uniform() < model.mixed_pixel_probability) {
         static constexpr int kSteps[4][2] = {{1, 0}, {-1, 0}, {0, 1}, {0, -1}};
         for (const auto& step : kSteps) {

@@ -48,7 +48,8 @@ double SimulatedStage::Ramp::velocity(double t_s) const {
   return std::copysign(acceleration * std::min({t, ramp_s, total - t}), end - start);
 }
 
-SimulatedStage::SimulatedStage(const StageDynamics& dynamics, uint64_t seed) : dynamics_(dynamics), random_(seed) {
+SimulatedStage::SimulatedStage(const StageDynamics& dynamics, uint64_t seed)
+    : dynamics_(dynamics), random_(seed) {
   std::uniform_real_distribution<double> anywhere(0.1, 0.9);
   const double travel = dynamics_.travel_max - dynamics_.travel_min;
   ramp_.start = ramp_.end = dynamics_.travel_min + anywhere(random_) * travel;
@@ -143,7 +144,8 @@ StageState SimulatedStage::observe_locked(double now_s) const {
   state.homed = homed_ || (homing_ends_s_ && now_s >= *homing_ends_s_);
   state.in_position = servo_on_ && reached_target_ && !state.moving;
   const double progress =
-      travelled ? std::clamp((ramp_.position(now_s) - ramp_.start) / (ramp_.end - ramp_.start), 0.0, 1.0) : 1.0;
+      travelled ? std::clamp((ramp_.position(now_s) - ramp_.start) / (ramp_.end - ramp_.start), 0.0, 1.0)
+                : 1.0;
   state.true_position = position + previous_rest_error_ + progress * (rest_error_ - previous_rest_error_);
   const double reported = position + (state.homed ? 0.0 : power_on_offset_);
   const double step = dynamics_.encoder_resolution;

@@ -14,7 +14,8 @@ Chain draw_truth(const Chain& nominal, std::mt19937_64& random) {
   Chain truth = nominal;
   for (Joint& joint : truth.joints) {
     const Eigen::Vector3d a = joint.direction.unitOrthogonal(), b = joint.direction.cross(a);
-    const double tilt_a = gauss(random), tilt_b = gauss(random), shift_a = gauss(random), shift_b = gauss(random);
+    const double tilt_a = gauss(random), tilt_b = gauss(random), shift_a = gauss(random),
+                 shift_b = gauss(random);
     joint.point_mm += joint.point_sigma_mm * (shift_a * a + shift_b * b);
     joint.direction = (joint.direction + joint.direction_sigma_rad * (tilt_a * a + tilt_b * b)).normalized();
   }
@@ -80,7 +81,8 @@ SimulationSettings read_simulation(StrictYaml simulation, const Chain& chain) {
                                   " axes, found " + std::to_string(stages.size()));
   for (size_t i = 0; i < stages.size(); ++i)
     settings.stages.push_back(read_stage(std::move(stages[i]), chain.joints[i].kind));
-  settings.placement_sigma_mm = simulation.number_or("placement_sigma_mm", settings.placement_sigma_mm, {0, 10});
+  settings.placement_sigma_mm =
+      simulation.number_or("placement_sigma_mm", settings.placement_sigma_mm, {0, 10});
   settings.placement_sigma_rad = simulation.angle_deg_or("placement_sigma_deg", 0.2, {0, 10});
   settings.part = simulation.path("part");
   if (simulation.has("holder")) settings.holder = simulation.path("holder");
@@ -88,8 +90,9 @@ SimulationSettings read_simulation(StrictYaml simulation, const Chain& chain) {
   return settings;
 }
 
-SimulatedWorld::SimulatedWorld(const Chain& nominal, const SimulationSettings& settings, const TriangleMesh& part,
-                               const std::optional<TriangleMesh>& holder, uint64_t seed, Clock& clock)
+SimulatedWorld::SimulatedWorld(const Chain& nominal, const SimulationSettings& settings,
+                               const TriangleMesh& part, const std::optional<TriangleMesh>& holder,
+                               uint64_t seed, Clock& clock)
     : settings_(settings), seed_(seed), clock_(clock) {
   if (settings.stages.size() != nominal.joints.size())
     throw InputError("simulation: one stage is needed for each joint of the chain");

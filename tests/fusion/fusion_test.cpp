@@ -30,7 +30,7 @@ const Views& bracket_views() {
     for (int i = 0; i < 4; ++i) {
       v.truth.push_back(bracket_view(0.4 + i * std::numbers::pi / 2, 0.9));
       TaggedScan scan =
-          scan_of(scene, small_sensor(), v.truth.back(), static_cast<uint64_t>(i), "view" + std::to_string(i));
+          scan_of(scene, small_sensor(960), v.truth.back(), static_cast<uint64_t>(i), "view" + std::to_string(i));
       if (i > 0)
         scan.part_from_sensor.mean =
             random_motion(random, bracket_middle(), kTagShiftMm, kTagRotationRad) * v.truth.back();

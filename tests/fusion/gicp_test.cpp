@@ -14,7 +14,7 @@ namespace {
 constexpr double kDegree = std::numbers::pi / 180;
 
 ScanSurface surface_of(const RayScene& scene, const Pose& scene_from_sensor, uint64_t number) {
-  return preprocess(scan_of(scene, small_sensor(), scene_from_sensor, number), {});
+  return preprocess(scan_of(scene, small_sensor(960), scene_from_sensor, number), {});
 }
 
 Matrix6d symmetric_part(const Matrix6d& m) {

@@ -111,8 +111,9 @@ TEST(Preprocess, NormalsOfASphereFaceTheSensor) {
     EXPECT_LT(surface.cloud.normals[i].dot(p), 0);
     const Eigen::Vector3d truth = sphere_normal(p);
     // Where the view is not grazing.
-    if (truth.dot(-p.cast<double>().normalized()) > 0.5)
+    if (truth.dot(-p.cast<double>().normalized()) > 0.5) {
       ASSERT_LT(angle(surface.cloud.normals[i], truth), 6 * kDegree) << p.transpose();
+    }
   }
 }
 
@@ -150,7 +151,8 @@ TEST(Preprocess, MixedPixelsAtAStepAreRemoved) {
     const RayScene scene(merged(plate(120, 80, 500 + step_mm), plate(40, 40, 500)));
     const TaggedScan scan = scan_of(scene, model, Pose::Identity(), 1);
     const auto far_from_both = [&](const Eigen::Vector3f& p) {
-      return std::min(std::abs(p.z() - 500), std::abs(p.z() - 500 - step_mm)) > 4 * model.noise_mm * 1.2;
+      const double z = p.z() - 500;
+      return std::min(std::abs(z), std::abs(z - step_mm)) > 4 * model.noise_mm * 1.2;
     };
     ASSERT_GT(std::count_if(scan.scan.points.begin(), scan.scan.points.end(),
                             [&](const auto& p) { return far_from_both(p); }),
@@ -189,10 +191,12 @@ TEST(Preprocess, RimOfTheDataIsMarked) {
   const double pitch = surface.spacing_mm;
   for (size_t i = 0; i < surface.cloud.size(); ++i) {
     const Eigen::Vector3f& p = surface.cloud.points[i];
-    const double from_corner = std::max(120 - std::abs(p.x()), 80 - std::abs(p.y()));
-    if (from_corner < 1.5 * pitch) EXPECT_TRUE(surface.rim[i]) << p.transpose();
-    if (std::min(120 - std::abs(p.x()), 80 - std::abs(p.y())) > 5 * pitch)
+    const double from_side = 120 - std::abs(p.x()), from_end = 80 - std::abs(p.y());
+    if (std::max(from_side, from_end) < 1.5 * pitch) {
+      EXPECT_TRUE(surface.rim[i]) << p.transpose();
+    } else if (std::min(from_side, from_end) > 5 * pitch) {
       EXPECT_FALSE(surface.rim[i]) << p.transpose();
+    }
   }
 }
 

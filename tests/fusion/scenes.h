@@ -8,11 +8,11 @@
 
 namespace gantry {
 
-/// The simulated sensor with fewer pixels: 0.7 mm apart at 500 mm.
-inline SensorModel small_sensor() {
+/// The simulated sensor with fewer pixels: with 480 columns they are 0.7 mm apart at 500 mm.
+inline SensorModel small_sensor(int width = 480) {
   SensorModel model;
-  model.width = 480;
-  model.height = 300;
+  model.width = width;
+  model.height = width * 5 / 8;
   return model;
 }
 

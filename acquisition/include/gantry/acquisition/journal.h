@@ -14,9 +14,9 @@ namespace gantry {
 
 /// Everything that is recorded with one scan. Written only after the scan's file is complete and synced.
 struct ScanRecord {
-  int viewpoint = 0;             ///< Index in the plan, from 0.
+  int viewpoint = 0;  ///< Index in the plan, from 0.
   std::string viewpoint_name;
-  std::string file;              ///< Relative to the run folder: "scans/001.pcd".
+  std::string file;                       ///< Relative to the run folder: "scans/001.pcd".
   std::vector<double> q_before, q_after;  ///< Encoder positions before and after exposure, mm or rad.
   double standstill_s = 0;       ///< How long the axes were watched to stand still before exposure ...
   double standstill_spread = 0;  ///< ... and their largest range, in units of the in-position band.
@@ -26,7 +26,7 @@ struct ScanRecord {
   double exposure_s = 0;
   std::string scanner_serial;
   std::string calibration_id;
-  std::string captured_at;       ///< ISO 8601, UTC.
+  std::string captured_at;  ///< ISO 8601, UTC.
 };
 
 /// The journal of a run: one SQLite file, every entry synced to disk before the call returns, so that

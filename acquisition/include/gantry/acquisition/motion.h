@@ -12,8 +12,8 @@ namespace gantry {
 
 /// Proof that the stages stood still: encoder readings over the settling time.
 struct Standstill {
-  std::vector<double> q;     ///< Mean of the readings, mm or rad.
-  double spread = 0;         ///< Largest range of any axis's readings, in units of its in-position band.
+  std::vector<double> q;  ///< Mean of the readings, mm or rad.
+  double spread = 0;      ///< Largest range of any axis's readings, in units of its in-position band.
   int samples = 0;
   double duration_s = 0;
 };

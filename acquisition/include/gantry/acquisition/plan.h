@@ -11,9 +11,9 @@ namespace gantry {
 /// One place to scan from.
 struct Viewpoint {
   std::string name;
-  std::vector<double> q;     ///< Joint values, mm or rad, in the order of the chain.
+  std::vector<double> q;  ///< Joint values, mm or rad, in the order of the chain.
   double exposure_s = 0.1;
-  double dwell_s = 0;        ///< Extra wait after settling.
+  double dwell_s = 0;  ///< Extra wait after settling.
 };
 
 /// What a run does: the viewpoints in order, and how its result is judged.

@@ -19,7 +19,8 @@ struct RunObserver {
   /// A complete, journalled scan; in the order of the plan within one session. May block (back-pressure).
   std::function<void(TaggedScan)> scan;
   /// "moving", "capturing", ... at viewpoint k (from 0) of n.
-  std::function<void(const std::string& stage, size_t k, size_t n)> stage = [](const std::string&, size_t, size_t) {};
+  std::function<void(const std::string& stage, size_t k, size_t n)> stage = [](const std::string&, size_t,
+                                                                               size_t) {};
 };
 
 /// A folder that holds a run: `journal.sqlite`, `scans/NNN.pcd`, `registration/`, `inspection/`.
@@ -41,7 +42,7 @@ class RunFolder {
 /// forward kinematics, store, journal, hand on. Scans of an earlier session are read back and handed on
 /// first. A scan that arrived incomplete is repeated twice; any other fault stops the stages and
 /// ends the run, which can be resumed. The axes must be enabled and homed.
-Result<void> execute_plan(const Cell& cell, const Plan& plan, Motion& motion, Scanner& scanner, RunFolder& folder,
-                          Clock& clock, const RunObserver& observer);
+Result<void> execute_plan(const Cell& cell, const Plan& plan, Motion& motion, Scanner& scanner,
+                          RunFolder& folder, Clock& clock, const RunObserver& observer);
 
 }  // namespace gantry

@@ -16,13 +16,15 @@ enum class JointKind { kPrismatic, kRevolute };
 struct Joint {
   std::string name;
   JointKind kind = JointKind::kRevolute;
-  Eigen::Vector3d direction = Eigen::Vector3d::UnitZ();  ///< Unit vector along the travel or the axis of rotation.
-  Eigen::Vector3d point_mm = Eigen::Vector3d::Zero();    ///< A point on the axis of rotation; unused when prismatic.
+  Eigen::Vector3d direction =
+      Eigen::Vector3d::UnitZ();  ///< Unit vector along the travel or the axis of rotation.
+  Eigen::Vector3d point_mm =
+      Eigen::Vector3d::Zero();  ///< A point on the axis of rotation; unused when prismatic.
 
   // Standard uncertainties, of which the pose's covariance is made.
-  double repeatability = 0;         ///< mm or rad: drawn anew at every move.
-  double direction_sigma_rad = 0;   ///< Of the calibrated direction, each of the two ways it can tilt.
-  double point_sigma_mm = 0;        ///< Of the calibrated axis position, each of the two ways it can shift.
+  double repeatability = 0;        ///< mm or rad: drawn anew at every move.
+  double direction_sigma_rad = 0;  ///< Of the calibrated direction, each of the two ways it can tilt.
+  double point_sigma_mm = 0;       ///< Of the calibrated axis position, each of the two ways it can shift.
 
   /// The unit twist of the joint in the base frame (rotation first), see pose.h.
   Vector6d twist() const;
@@ -37,8 +39,8 @@ struct Chain {
   std::vector<Joint> joints;
   Pose base_from_part_at_zero = Pose::Identity();
   Pose base_from_sensor = Pose::Identity();
-  double sensor_position_sigma_mm = 0;  ///< Of the calibrated mounting, each axis.
-  double sensor_rotation_sigma_rad = 0; ///< About each axis through the sensor's origin.
+  double sensor_position_sigma_mm = 0;   ///< Of the calibrated mounting, each axis.
+  double sensor_rotation_sigma_rad = 0;  ///< About each axis through the sensor's origin.
 
   Pose base_from_part(std::span<const double> q) const;
   Pose part_from_sensor(std::span<const double> q) const;

@@ -16,8 +16,8 @@ struct ViewTarget {
 };
 
 struct InverseResult {
-  std::vector<double> q;        ///< Joint values, within the limits.
-  double position_error_mm = 0; ///< What remains of the wanted position ...
+  std::vector<double> q;           ///< Joint values, within the limits.
+  double position_error_mm = 0;    ///< What remains of the wanted position ...
   double direction_error_rad = 0;  ///< ... and direction: three joints cannot reach every view.
 };
 

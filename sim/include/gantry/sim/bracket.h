@@ -11,10 +11,10 @@ namespace gantry {
 /// Defects that the demo part can be given. All lengths in mm; positions are named on the flat pattern
 /// in bracket.cpp, their truth in the part frame comes from bracket_truth().
 struct BracketDefects {
-  double dent_depth_mm = 0;        ///< Round dent, 8 mm wide, in the back flange, pressed from behind.
-  bool missing_hole = false;       ///< One of the four 8 mm holes of the base was not drilled.
-  double burr_height_mm = 0;       ///< Ridge, 2 mm wide and 12 mm long, along one long edge of the base.
-  double flange_bend_rad = 0;      ///< The front flange leans outwards by this angle.
+  double dent_depth_mm = 0;    ///< Round dent, 8 mm wide, in the back flange, pressed from behind.
+  bool missing_hole = false;   ///< One of the four 8 mm holes of the base was not drilled.
+  double burr_height_mm = 0;   ///< Ridge, 2 mm wide and 12 mm long, along one long edge of the base.
+  double flange_bend_rad = 0;  ///< The front flange leans outwards by this angle.
 };
 
 /// The defects that examples/parts/bracket_defective.stl carries: 0.4 mm, missing, 0.6 mm, 1 degree.
@@ -30,11 +30,11 @@ TriangleMesh make_bracket(const BracketDefects& defects = {});
 
 /// What stands beside a defective part as JSON: where each defect is and how large.
 struct DefectTruth {
-  std::string kind;              ///< "dent", "missing_hole", "burr", "bent_flange".
-  Eigen::Vector3d centre_mm;     ///< Centroid of the part's surface that deviates by more than the threshold.
-  Eigen::Vector3d extent_mm;     ///< Size of that surface's bounding box, along x, y, z.
-  double depth_mm;               ///< Largest deviation from the CAD surface.
-  double area_mm2;               ///< Of that surface, both faces of the sheet.
+  std::string kind;           ///< "dent", "missing_hole", "burr", "bent_flange".
+  Eigen::Vector3d centre_mm;  ///< Centroid of the part's surface that deviates by more than the threshold.
+  Eigen::Vector3d extent_mm;  ///< Size of that surface's bounding box, along x, y, z.
+  double depth_mm;            ///< Largest deviation from the CAD surface.
+  double area_mm2;            ///< Of that surface, both faces of the sheet.
 };
 
 /// Truth by sampling the displacement that made each defect, on both faces of the sheet. Only surface

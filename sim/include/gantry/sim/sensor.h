@@ -22,11 +22,11 @@ struct SensorModel {
   /// Range noise (one sigma) along the ray at 500 mm, frontal. It grows with the square of the distance
   /// (triangulation) and with 1 / cos(incidence) (the fringe is stretched).
   double noise_mm = 0.05;
-  double max_incidence_rad = 1.3963;     ///< 80 degrees: beyond it nothing is measured.
+  double max_incidence_rad = 1.3963;  ///< 80 degrees: beyond it nothing is measured.
   /// Pixels next to a depth step see both surfaces; with this probability they report a range in between.
   double mixed_pixel_probability = 0.3;
-  double mixed_pixel_step_mm = 1.0;      ///< Ranges of neighbours further apart than this make a depth step.
-  double dropout_probability = 0.002;    ///< Of any pixel; rises to 1 between 60 degrees and max_incidence.
+  double mixed_pixel_step_mm = 1.0;    ///< Ranges of neighbours further apart than this make a depth step.
+  double dropout_probability = 0.002;  ///< Of any pixel; rises to 1 between 60 degrees and max_incidence.
 
   double focal_x_px() const;
   double focal_y_px() const;

@@ -9,14 +9,15 @@ namespace gantry {
 
 /// Physical facts of one simulated stage, in axis units (mm or rad).
 struct StageDynamics {
-  double travel_min = 0;            ///< Hard stops, measured from the home position.
+  double travel_min = 0;  ///< Hard stops, measured from the home position.
   double travel_max = 0;
   double max_speed = 0;
   double max_acceleration = 0;
   double homing_speed = 0;
-  double encoder_resolution = 0;    ///< The encoder reports multiples of this.
-  double repeatability_sigma = 0;   ///< The true rest position differs from the encoder's by N(0, sigma), drawn per move.
-  double settling_time_s = 0.15;    ///< From the end of the ramp until it stands still within the resolution.
+  double encoder_resolution = 0;  ///< The encoder reports multiples of this.
+  double repeatability_sigma =
+      0;  ///< The true rest position differs from the encoder's by N(0, sigma), drawn per move.
+  double settling_time_s = 0.15;  ///< From the end of the ramp until it stands still within the resolution.
 };
 
 /// What can be known of a stage at one instant.
@@ -26,8 +27,8 @@ struct StageState {
   double velocity = 0;
   bool servo_on = false;
   bool homed = false;
-  bool moving = false;          ///< Includes settling.
-  bool in_position = false;     ///< The last commanded move has ended at its target.
+  bool moving = false;       ///< Includes settling.
+  bool in_position = false;  ///< The last commanded move has ended at its target.
 };
 
 /// Acceleration-limited motion of one stage as a function of time: commands carry the time at which
@@ -66,13 +67,14 @@ class SimulatedStage {
   mutable std::mutex mutex_;
   std::mt19937_64 random_;
   Ramp ramp_;
-  double power_on_offset_;        ///< Encoder minus true position until homed.
-  double rest_error_ = 0;         ///< True minus encoder at the end of the present ramp.
+  double power_on_offset_;  ///< Encoder minus true position until homed.
+  double rest_error_ = 0;   ///< True minus encoder at the end of the present ramp.
   double previous_rest_error_ = 0;
   bool servo_on_ = false;
   std::optional<double> homing_ends_s_;
   bool homed_ = false;
-  bool reached_target_ = false;   ///< The present ramp was a move (not a halt) and counts as in position when it ends.
+  bool reached_target_ =
+      false;  ///< The present ramp was a move (not a halt) and counts as in position when it ends.
 };
 
 }  // namespace gantry
