@@ -289,13 +289,10 @@ ScanSurface preprocess(const TaggedScan& tagged, const PreprocessOptions& option
     work_on_neighbours(scan, valid, options, out, work);
   }
 
-  // The noise model: sigma grows with the square of the distance and with 1 / cos(incidence); only its
-  // scale is taken from this scan. Frontal points serve, where curvature in the window matters least.
-  const auto shape = [&](size_t i) {
-    const float distance = scan.points[i].norm();
-    const float cosine = std::abs(work.normal[i].dot(scan.points[i])) / std::max(distance, 1e-6f);
-    return std::max(distance * distance, 1e-6f) / std::max(cosine, 0.1f);
-  };
+  // The noise model: triangulation noise along the ray grows with the square of the distance and with
+  // 1 / cos(incidence); along the normal, which is what counts here, the cosine cancels. Only the scale
+  // is taken from this scan.
+  const auto shape = [&](size_t i) { return std::max(scan.points[i].squaredNorm(), 1e-6f); };
   std::vector<float> scales;
   for (size_t i = 0; i < valid.size(); ++i)
     if (work.keep[i] && !work.rim[i]) scales.push_back(work.rms[i] / shape(i));

@@ -71,8 +71,7 @@ TEST(Bunny, RealScansEndUpWhereTheyDidUnperturbed) {
         scans[i].part_from_sensor.mean;
   const auto begin = std::chrono::steady_clock::now();
   const FusionResult result = fuse(scans);
-  const double seconds =
-      std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+  const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
 
   EXPECT_TRUE(result.trusted) << result.reason;
   EXPECT_GT(result.before.rms_mm, 2 * reference.after.rms_mm);

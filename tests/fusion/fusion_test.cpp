@@ -29,8 +29,8 @@ const Views& bracket_views() {
     const RayScene scene(make_bracket());
     for (int i = 0; i < 4; ++i) {
       v.truth.push_back(bracket_view(0.4 + i * std::numbers::pi / 2, 0.9));
-      TaggedScan scan =
-          scan_of(scene, small_sensor(960), v.truth.back(), static_cast<uint64_t>(i), "view" + std::to_string(i));
+      TaggedScan scan = scan_of(scene, small_sensor(960), v.truth.back(), static_cast<uint64_t>(i),
+                                "view" + std::to_string(i));
       if (i > 0)
         scan.part_from_sensor.mean =
             random_motion(random, bracket_middle(), kTagShiftMm, kTagRotationRad) * v.truth.back();
@@ -101,8 +101,8 @@ TEST(Fusion, ThreadsDoNotChangeTheResult) {
     results.push_back(fuse(bracket_views().scans));
   }
   for (size_t i = 0; i < 4; ++i)
-    EXPECT_TRUE(same_bits(results[0].scans[i].part_from_sensor.mean,
-                          results[1].scans[i].part_from_sensor.mean));
+    EXPECT_TRUE(
+        same_bits(results[0].scans[i].part_from_sensor.mean, results[1].scans[i].part_from_sensor.mean));
   EXPECT_EQ(results[0].after.rms_mm, results[1].after.rms_mm);
   ASSERT_EQ(results[0].merged.size(), results[1].merged.size());
   EXPECT_EQ(std::memcmp(results[0].merged.points.data(), results[1].merged.points.data(),
@@ -113,7 +113,8 @@ TEST(Fusion, ThreadsDoNotChangeTheResult) {
 TEST(Fusion, AScanWithNothingInCommonIsNotTrusted) {
   std::vector<TaggedScan> scans(bracket_views().scans.begin(), bracket_views().scans.begin() + 2);
   const RayScene elsewhere(box_mesh({400, 400, 0}, {480, 460, 30}));
-  scans.push_back(scan_of(elsewhere, small_sensor(), looking_at({440, 430, 530}, {440, 430, 30}), 9, "astray"));
+  scans.push_back(
+      scan_of(elsewhere, small_sensor(), looking_at({440, 430, 530}, {440, 430, 30}), 9, "astray"));
   scans.back().part_from_sensor.independent = scans[1].part_from_sensor.independent;
   const FusionResult result = fuse(scans);
   EXPECT_FALSE(result.trusted);
@@ -121,7 +122,8 @@ TEST(Fusion, AScanWithNothingInCommonIsNotTrusted) {
   EXPECT_EQ(result.reason.find("view"), std::string::npos) << result.reason;
   EXPECT_TRUE(result.scans[1].connected);
   EXPECT_FALSE(result.scans[2].connected);
-  EXPECT_LT(translation_distance(result.scans[2].part_from_sensor.mean, scans[2].part_from_sensor.mean), 1e-6);
+  EXPECT_LT(translation_distance(result.scans[2].part_from_sensor.mean, scans[2].part_from_sensor.mean),
+            1e-6);
 }
 
 TEST(Fusion, GoesOnWithoutAnUnusableScan) {

@@ -65,8 +65,8 @@ TEST(Gicp, InformationOfAPlaneIsNearlyZeroAlongIt) {
   const RayScene scene(box_mesh({-150, -150, -5}, {150, 150, 0}));
   const ScanSurface a = surface_of(scene, looking_at({0, 0, 500}, {0, 0, 0}), 1);
   const ScanSurface b = surface_of(scene, looking_at({20, 10, 500}, {20, 10, 0}), 2);
-  const GicpResult result = register_pair(
-      GicpTarget(a), b, a.part_from_sensor.mean.inverse() * b.part_from_sensor.mean, {});
+  const GicpResult result =
+      register_pair(GicpTarget(a), b, a.part_from_sensor.mean.inverse() * b.part_from_sensor.mean, {});
   ASSERT_GT(result.inliers, 1000u);
   EXPECT_NEAR((result.information - result.information.transpose()).norm(), 0,
               1e-6 * result.information.norm());

@@ -47,8 +47,7 @@ Graph make_graph(double edge_sigma_mm, double tag_scale = 1) {
       edge.source = source;
       edge.odometry = source == target + 1;
       edge.match.target_from_source = g.truth[target].inverse() * g.truth[source];
-      edge.match.information =
-          information_about(g.centres[target], edge_sigma_mm, 0.01 * edge_sigma_mm);
+      edge.match.information = information_about(g.centres[target], edge_sigma_mm, 0.01 * edge_sigma_mm);
       edge.match.inliers = 1000;
       edge.match.converged = true;
       g.edges.push_back(edge);
@@ -150,8 +149,8 @@ TEST(PoseGraph, CovarianceIsWhatRepetitionShows) {
   }
   for (size_t i = 1; i < 4; ++i) {
     const double ratio = std::sqrt(stated[i] / squares[i]);
-    EXPECT_NEAR(ratio, 1, 0.15) << "scan " << i << ": stated " << std::sqrt(stated[i] / kRuns) << " mm, found "
-                                << std::sqrt(squares[i] / kRuns) << " mm";
+    EXPECT_NEAR(ratio, 1, 0.15) << "scan " << i << ": stated " << std::sqrt(stated[i] / kRuns)
+                                << " mm, found " << std::sqrt(squares[i] / kRuns) << " mm";
   }
 }
 

@@ -78,7 +78,6 @@ TEST(Alignment, ABentFlangeDoesNotPull) {
 }
 
 TEST(Alignment, WorksWithoutNormals) {
-  // Twice the offset is more than the sheet is thick: without normals the start must be nearer.
   PointCloud cloud = moved(mesh_points(bracket(), 40000, kNoiseMm), offset());
   cloud.normals.clear();
   const AlignmentResult result = align_to_model(cloud, model(), {});

@@ -202,7 +202,8 @@ TEST(Inspection, FixturePointsAreNotJudged) {
 
   InspectionOptions options;
   options.tolerance_mm = 0.15;
-  EXPECT_EQ(inspect(seen, sheet(), options).verdict, Verdict::kFail) << "the fixture is no material of the part";
+  EXPECT_EQ(inspect(seen, sheet(), options).verdict, Verdict::kFail)
+      << "the fixture is no material of the part";
   options.fixture = box_mesh(low, high);
   const InspectionResult result = inspect(seen, sheet(), options);
   EXPECT_EQ(result.verdict, Verdict::kPass) << result.reason;

@@ -56,12 +56,15 @@ TEST(LocalSurface, NoiseOfAPlaneIsAveragedAwayAndStated) {
 TEST(LocalSurface, AveragingReachesAtLeastTwoSpacings) {
   const PointCloud cloud = height_field(0.05f, flat);
   const LocalSurface surface = fit_local_surface(cloud, 0.01, 0);
-  double squares = 0;
+  double squares = 0, count = 0, supported = 0;
   for (size_t i = 0; i < cloud.size(); ++i) {
-    EXPECT_TRUE(surface.supported[i]);
-    if (is_inner(cloud.points[i])) squares += std::pow(surface.points[i].z(), 2);
+    if (!is_inner(cloud.points[i])) continue;
+    squares += std::pow(surface.points[i].z(), 2);
+    supported += surface.supported[i];
+    ++count;
   }
-  EXPECT_LT(std::sqrt(squares / static_cast<double>(cloud.size())), 0.05 / 2.5);
+  EXPECT_GT(supported, 0.995 * count);
+  EXPECT_LT(std::sqrt(squares / count), 0.05 / 2);
 }
 
 TEST(LocalSurface, TheTopOfABumpIsKept) {
