@@ -160,7 +160,7 @@ int main(int argc, char** argv) {
       ->capture_default_str();
   registering
       ->add_option("--voxel-size", reg.voxel_mm,
-                   "Cell of the merged cloud, mm; 0: 1.5 times the point spacing")
+                   "Cell of the merged cloud, mm; 0: 1.1 times the point spacing")
       ->check(CLI::Range(0.0, 100.0));
   registering
       ->add_option("--edge-prune-threshold", reg.edge_prune_threshold_mm,

@@ -27,7 +27,7 @@ PointCloud merge_surfaces(const std::vector<ScanSurface>& surfaces, const std::v
     for (const auto& s : surfaces) spacings.push_back(s.spacing_mm);
     std::nth_element(spacings.begin(), spacings.begin() + static_cast<std::ptrdiff_t>(spacings.size() / 2),
                      spacings.end());
-    voxel_mm = 1.5 * spacings[spacings.size() / 2];
+    voxel_mm = 1.1 * spacings[spacings.size() / 2];
   }
   if (voxel_used_mm) *voxel_used_mm = voxel_mm;
 

@@ -7,7 +7,7 @@
 namespace gantry {
 
 struct MergeOptions {
-  double voxel_mm = 0;     ///< Edge of the averaging cells; 0: 1.5 times the median point spacing.
+  double voxel_mm = 0;     ///< Edge of the averaging cells; 0: 1.1 times the median point spacing.
   size_t min_support = 4;  ///< Cells that hold, with the 26 around them, fewer measurements are outliers.
 };
 
