@@ -82,7 +82,7 @@ TEST(Merge, LonePointsAreDropped) {
 TEST(Merge, CellSizeComesFromTheSpacingUnlessGiven) {
   double used = 0;
   merge_surfaces({square(0.4f, 0.02f)}, {kHere}, {}, &used);
-  EXPECT_DOUBLE_EQ(used, 0.75);
+  EXPECT_DOUBLE_EQ(used, 1.1 * 0.5);
   merge_surfaces({square(0.4f, 0.02f)}, {kHere}, cells_of(2), &used);
   EXPECT_DOUBLE_EQ(used, 2);
 }

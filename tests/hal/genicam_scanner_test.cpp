@@ -359,7 +359,9 @@ TEST_F(GenicamScanner, RepeatedConnectsLeaveNoFilesAndNoThreadsBehind) {
   };
   connect();
   ASSERT_TRUE(scanner_->capture(kQuick));
-  const auto files = count("/proc/self/fd");
+  // A leak loses one at every connection. One or two may come once: on a busy machine the backend may
+  // receive through the other kind of socket.
+  const auto files = count("/proc/self/fd") + 2;
   // TBB starts its workers when it likes; every connection has two threads at least.
   const auto threads = count("/proc/self/task") + std::thread::hardware_concurrency();
   const unsigned connections = 4 + std::thread::hardware_concurrency();
