@@ -16,6 +16,7 @@ namespace gantry {
 namespace {
 
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
+constexpr double kLeastFit = 0.3;  ///< A fit to fewer of the points than this is no alignment.
 
 void validate(const PointCloud& cloud, const InspectionOptions& o) {
   const auto require = [](bool ok, const std::string& what) {
@@ -100,7 +101,12 @@ void decide(InspectionResult& result, const InspectionOptions& options) {
   char text[200];
   const auto certain =
       std::count_if(result.defects.begin(), result.defects.end(), [](const Defect& d) { return d.certain; });
-  if (certain > 0) {
+  if (options.align && !result.alignment.converged && result.alignment.inlier_fraction < kLeastFit) {
+    result.verdict = Verdict::kUndecided;
+    std::snprintf(
+        text, sizeof text,
+        "The alignment to the CAD model failed: is the cloud of this part, in this frame and unit?");
+  } else if (certain > 0) {
     result.verdict = Verdict::kFail;
     std::snprintf(text, sizeof text, "%ld %s out of tolerance (±%.3f mm); the largest deviates by %+.3f mm.",
                   static_cast<long>(certain), certain == 1 ? "region is" : "regions are",
