@@ -29,7 +29,8 @@ class SignedDistance {
   std::optional<Value> operator()(const Eigen::Vector3f& point, float max_distance) const;
   /// The same, considering only faces whose normal is within acos(min_cosine) of the point's own
   /// normal: a wall bent by more than half its thickness is still measured to its own face. The sign
-  /// is then that of the pseudonormal of the closest feature as seen on the facing triangles.
+  /// comes from the full pseudonormal of the closest facing feature. It is exact where that feature is the
+  /// closest of all; with a gate narrower than 90 degrees it can be wrong beside an edge.
   std::optional<Value> operator()(const Eigen::Vector3f& point, const Eigen::Vector3f& normal,
                                   float min_cosine, float max_distance) const;
 
