@@ -234,13 +234,16 @@ std::string notes(const PageContent& c) {
   const InspectionOptions& o = c.options;
   std::string html = "<section><h2>How to read this report</h2><div class=\"notes card\">";
   html +=
-      "<p><b>Sign.</b> A deviation is the signed distance of the measured surface from the CAD surface, "
-      "along its normal. "
+      "<p><b>Sign.</b> A deviation is the signed distance of the measured surface to the closest CAD "
+      "surface. "
       "Positive, towards red: too much material. Negative, towards blue: material is missing. Green: as "
       "designed.</p>";
-  html += "<p><b>Averaging.</b> The deviation of a point is the mean over the surface within " +
-          mm(o.averaging_radius_mm, 2) +
-          " of it, which keeps sensor noise out of the verdict. Smaller features are flattened by it.</p>";
+  html +=
+      "<p><b>Smoothing.</b> Before it is measured, each point is moved onto the surface through its "
+      "neighbours within " +
+      mm(o.averaging_radius_mm, 2) +
+      " (at least twice the spacing of the points): a plane, or a quadratic where they are curved. Points on "
+      "sharp edges, where no smooth surface fits, are not judged.</p>";
   html += "<p><b>Tolerance and verdict.</b> Deviations within \u00b1" + mm(o.tolerance_mm) +
           " are good. A connected region beyond it of at least " + fixed(o.min_defect_area_mm2, 1) +
           "\u202fmm\u00b2 is a defect. It is certain when its peak exceeds the tolerance by more than its "
