@@ -46,7 +46,7 @@ std::map<std::string, std::string> run_facts(const RunCommand& command, const Ce
   return facts;
 }
 
-/// Fusion on its own thread: it preprocesses and matches each scan while the stages move on.
+/// Fusion on its own thread: it preprocesses each scan while the stages move on.
 class FusionThread {
  public:
   explicit FusionThread(FusionOptions options) : fusion_(std::move(options)), thread_([this] { work(); }) {}
@@ -105,12 +105,10 @@ Traceability traceability(const RunCommand& command, const Cell& cell, const Pla
   trace.entries.emplace_back("Calibration", cell.calibration_id);
   trace.entries.emplace_back("Scanner", devices.scanner->info().text());
   for (const auto& axis : devices.motion->axes()) trace.entries.emplace_back("Drive", axis->info().text());
-  const auto kept =
-      std::count_if(fused.edges.begin(), fused.edges.end(), [](const auto& e) { return e.kept; });
   std::snprintf(text, sizeof text,
-                "%zu scans, %ld of %zu pairs kept, overlap residual %.4f mm before, %.4f mm after",
-                fused.scans.size(), static_cast<long>(kept), fused.edges.size(), fused.before.rms_mm,
-                fused.after.rms_mm);
+                "method %s, %zu scans, %zu pairs, overlap residual %.4f mm before, %.4f mm after",
+                std::string(to_string(fused.method)).c_str(), fused.scans.size(),
+                fused.registration.pairs.size(), fused.before.rms_mm, fused.after.rms_mm);
   trace.entries.emplace_back("Registration", text);
   trace.entries.emplace_back("Fixture", cell.fixture.empty() ? "none given" : with_hash(cell.fixture));
   trace.entries.emplace_back("Run folder", command.out.filename().string());

@@ -1,100 +1,161 @@
 #include "gantry/fusion/merge.h"
 
 #include <tbb/parallel_for.h>
-#include <tbb/parallel_sort.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <string>
+#include <vector>
+
+#include "gantry/foundation/error.h"
+#include "merging/cell_fates.h"
+#include "merging/cell_grid.h"
+#include "merging/scan_measurements.h"
 
 namespace gantry {
 namespace {
 
-struct Entry {
-  uint64_t cell;
-  uint32_t scan, point;
-  bool operator<(const Entry& o) const {
-    return std::tie(cell, scan, point) < std::tie(o.cell, o.scan, o.point);
+using internal::Block;
+using internal::Cell;
+using internal::CellGrid;
+using internal::kShards;
+using internal::Shard;
+
+constexpr double kCellsPerSpacing = 1.1;  ///< Coarser cells would shave the crest off a burr.
+
+void check(const MergeOptions& options) {
+  if (!(options.voxel_mm >= 0) || !std::isfinite(options.voxel_mm))
+    throw InputError("merge: voxel_mm is " + std::to_string(options.voxel_mm) +
+                     "; expected a length in mm, or 0 to choose it from the scans");
+  if (!(options.correlated_share >= 0 && options.correlated_share <= 1))
+    throw InputError("merge: correlated_share is " + std::to_string(options.correlated_share) +
+                     "; expected a fraction from 0 to 1");
+}
+
+double cell_for(const MergeOptions& options, double spacing_mm) {
+  if (options.voxel_mm > 0) return options.voxel_mm;
+  if (!(spacing_mm > 0) || !std::isfinite(spacing_mm))
+    throw InputError("merge: the scans' point spacing is not known (spacing_mm = " +
+                     std::to_string(spacing_mm) + "); give voxel_mm");
+  return kCellsPerSpacing * spacing_mm;
+}
+
+/// How many cells of a shard met each fate.
+using FateCounts = std::array<size_t, internal::kThinned + 1>;
+
+FateCounts count_fates(const Shard& shard) {
+  FateCounts counts{};
+  for (size_t c = 0; c < shard.cells.size(); ++c) ++counts[shard.cells[c].tag];
+  return counts;
+}
+
+/// Writes the points of a shard from `out` on.
+void write_points(const Shard& shard, double cell_mm, double correlated_share, size_t out,
+                  PointCloud& cloud) {
+  for (size_t b = 0; b < shard.blocks.size(); ++b) {
+    const Block& block = shard.blocks[b];
+    const Eigen::Vector3d corner = (internal::kBlockEdge * internal::block_of_key(block.key)).cast<double>();
+    for (int v = 0; v < 64; ++v) {
+      const Eigen::Vector3d middle =
+          corner + Eigen::Vector3d((v >> 4) + 0.5, (v >> 2 & 3) + 0.5, (v & 3) + 0.5);
+      for (uint32_t link = block.first[static_cast<size_t>(v)]; link != 0;) {
+        const Cell& cell = shard.cells[link - 1];
+        link = cell.next;
+        if (cell.tag != internal::kPoint) continue;
+        cloud.points[out] = (cell_mm * (middle + cell.offset.value().cast<double>())).cast<float>();
+        cloud.normals[out] = cell.normal.value().normalized();
+        const double variance = std::max(1.0, correlated_share * cell.count) / cell.weight;
+        cloud.sigma_mm[out++] = static_cast<float>(std::sqrt(variance));
+      }
+    }
   }
-};
+}
 
 }  // namespace
 
-PointCloud merge_surfaces(const std::vector<ScanSurface>& surfaces, const std::vector<Pose>& part_from_sensor,
-                          const MergeOptions& options, double* voxel_used_mm) {
-  double voxel_mm = options.voxel_mm;
-  if (voxel_mm <= 0) {
+struct CloudMerger::Impl {
+  MergeOptions options;
+  double cell_mm = 0;  ///< 0: nothing was added yet.
+  size_t scans = 0, measurements = 0;
+  CellGrid grid;
+  internal::ScanMeasurements scan;
+};
+
+CloudMerger::CloudMerger(const MergeOptions& options) : impl_(std::make_unique<Impl>()) {
+  check(options);
+  impl_->options = options;
+}
+
+CloudMerger::~CloudMerger() = default;
+
+void CloudMerger::add(const RangeSurface& surface, const Pose& part_from_sensor) {
+  Impl& impl = *impl_;
+  const double cell_mm = impl.cell_mm > 0 ? impl.cell_mm : cell_for(impl.options, surface.spacing_mm);
+  impl.scan.unpack(surface, part_from_sensor, cell_mm);
+  impl.cell_mm = cell_mm;
+  const auto number = static_cast<uint16_t>(impl.scans++);
+  impl.measurements += impl.scan.size();
+  tbb::parallel_for(size_t{0}, kShards, [&](size_t s) { impl.scan.add_to(impl.grid[s], s, number); });
+}
+
+PointCloud CloudMerger::finish(MergeReport* report) {
+  Impl& impl = *impl_;
+  MergeReport summary;
+  summary.voxel_mm = impl.cell_mm;
+  summary.measurements = impl.measurements;
+  summary.memory_bytes = impl.scan.bytes();
+  for (const Shard& shard : impl.grid) {
+    summary.memory_bytes += shard.bytes();
+    summary.cells += shard.cells.size();
+  }
+  impl.scan = {};
+  internal::decide_fates(impl.grid, impl.cell_mm, impl.options.min_support);
+  if (impl.options.uniform_density) internal::thin_evenly(impl.grid);
+
+  std::array<FateCounts, kShards> counts;
+  tbb::parallel_for(size_t{0}, kShards, [&](size_t s) { counts[s] = count_fates(impl.grid[s]); });
+  std::array<size_t, kShards> begins;
+  for (size_t s = 0; s < kShards; ++s) {
+    begins[s] = summary.points;
+    summary.points += counts[s][internal::kPoint];
+    summary.unsupported += counts[s][internal::kUnsupported];
+    summary.contradicted += counts[s][internal::kContradicted];
+    summary.duplicates += counts[s][internal::kAbsorbed];
+    summary.thinned += counts[s][internal::kThinned];
+  }
+  PointCloud cloud;
+  cloud.points.resize(summary.points);
+  cloud.normals.resize(summary.points);
+  cloud.sigma_mm.resize(summary.points);
+  // Cells go as points come, so that both are never held in full.
+  tbb::parallel_for(size_t{0}, kShards, [&](size_t s) {
+    write_points(impl.grid[s], impl.cell_mm, impl.options.correlated_share, begins[s], cloud);
+    impl.grid[s].release();
+  });
+  impl.cell_mm = 0;
+  impl.scans = impl.measurements = 0;
+  if (report) *report = summary;
+  return cloud;
+}
+
+PointCloud merge_surfaces(std::span<const RangeSurface> surfaces, std::span<const Pose> part_from_sensor,
+                          const MergeOptions& options, MergeReport* report) {
+  if (surfaces.size() != part_from_sensor.size())
+    throw InputError("merge: " + std::to_string(surfaces.size()) + " scans but " +
+                     std::to_string(part_from_sensor.size()) + " poses; expected one for each");
+  check(options);
+  MergeOptions chosen = options;
+  if (!surfaces.empty()) {
     std::vector<double> spacings;
     for (const auto& s : surfaces) spacings.push_back(s.spacing_mm);
-    std::nth_element(spacings.begin(), spacings.begin() + static_cast<std::ptrdiff_t>(spacings.size() / 2),
-                     spacings.end());
-    voxel_mm = 1.1 * spacings[spacings.size() / 2];
+    const auto middle = spacings.begin() + static_cast<std::ptrdiff_t>(spacings.size() / 2);
+    std::nth_element(spacings.begin(), middle, spacings.end());
+    chosen.voxel_mm = cell_for(options, *middle);
   }
-  if (voxel_used_mm) *voxel_used_mm = voxel_mm;
-
-  std::vector<size_t> offset(surfaces.size() + 1, 0);
-  for (size_t s = 0; s < surfaces.size(); ++s) offset[s + 1] = offset[s] + surfaces[s].cloud.size();
-  std::vector<Entry> entries(offset.back());
-  for (size_t s = 0; s < surfaces.size(); ++s) {
-    const Pose& pose = part_from_sensor[s];
-    const PointCloud& cloud = surfaces[s].cloud;
-    tbb::parallel_for(size_t{0}, cloud.size(), [&](size_t i) {
-      const Eigen::Vector3d p = pose * cloud.points[i].cast<double>() / voxel_mm;
-      const Eigen::Vector3d n = pose.linear() * cloud.normals[i].cast<double>();
-      Eigen::Index axis;
-      n.cwiseAbs().maxCoeff(&axis);
-      uint64_t key = static_cast<uint64_t>(2 * axis + (n[axis] < 0));
-      for (int k = 0; k < 3; ++k)
-        key =
-            key << 20 | (static_cast<uint64_t>(static_cast<int64_t>(std::floor(p[k])) + (1 << 19)) & 0xFFFFF);
-      entries[offset[s] + i] = {key, static_cast<uint32_t>(s), static_cast<uint32_t>(i)};
-    });
-  }
-  tbb::parallel_sort(entries.begin(), entries.end());
-
-  // The occupied cells: where each begins in `entries`.
-  std::vector<size_t> begins;
-  for (size_t i = 0; i < entries.size(); ++i)
-    if (i == 0 || entries[i].cell != entries[i - 1].cell) begins.push_back(i);
-  begins.push_back(entries.size());
-  const size_t cells = begins.size() - 1;
-  const auto measurements_in = [&](uint64_t cell) -> size_t {
-    const auto found =
-        std::lower_bound(begins.begin(), begins.end() - 1, cell,
-                         [&](size_t begin, uint64_t key) { return entries[begin].cell < key; });
-    return found != begins.end() - 1 && entries[*found].cell == cell ? *(found + 1) - *found : 0;
-  };
-  std::vector<unsigned char> supported(cells, 0);
-  tbb::parallel_for(size_t{0}, cells, [&](size_t c) {
-    const uint64_t cell = entries[begins[c]].cell;
-    size_t support = begins[c + 1] - begins[c];
-    for (int64_t dx = -1; dx <= 1 && support < options.min_support; ++dx)
-      for (int64_t dy = -1; dy <= 1; ++dy)
-        for (int64_t dz = -1; dz <= 1; ++dz)
-          if (dx != 0 || dy != 0 || dz != 0)
-            support += measurements_in(
-                cell + static_cast<uint64_t>((dx * (int64_t{1} << 40)) + (dy * (1 << 20)) + dz));
-    supported[c] = support >= options.min_support;
-  });
-
-  PointCloud merged;
-  for (size_t c = 0; c < cells; ++c) {
-    if (!supported[c]) continue;
-    Eigen::Vector3d point = Eigen::Vector3d::Zero(), normal = Eigen::Vector3d::Zero();
-    double weight = 0;
-    for (size_t e = begins[c]; e < begins[c + 1]; ++e) {
-      const PointCloud& cloud = surfaces[entries[e].scan].cloud;
-      const Pose& pose = part_from_sensor[entries[e].scan];
-      const double sigma = cloud.sigma_mm[entries[e].point];
-      const double w = 1.0 / (sigma * sigma);
-      point += w * (pose * cloud.points[entries[e].point].cast<double>());
-      normal += w * (pose.linear() * cloud.normals[entries[e].point].cast<double>());
-      weight += w;
-    }
-    merged.points.push_back((point / weight).cast<float>());
-    merged.normals.push_back(normal.stableNormalized().cast<float>());
-    merged.sigma_mm.push_back(static_cast<float>(1.0 / std::sqrt(weight)));
-  }
-  return merged;
+  CloudMerger merger(chosen);
+  for (size_t s = 0; s < surfaces.size(); ++s) merger.add(surfaces[s], part_from_sensor[s]);
+  return merger.finish(report);
 }
 
 }  // namespace gantry

@@ -2,9 +2,9 @@
 
 #include <sys/resource.h>
 
-#include <Eigen/Eigenvalues>
 #include <fstream>
 #include <nlohmann/json.hpp>
+#include <numbers>
 
 #include "gantry/foundation/error.h"
 #include "gantry/fusion/poses_file.h"
@@ -23,64 +23,97 @@ nlohmann::json rows(const Eigen::MatrixXd& m) {
   return out;
 }
 
-/// Largest standard uncertainties of a pose, as a person reads them.
-nlohmann::json observability(const Matrix6d& covariance) {
-  const auto largest = [](const Eigen::Matrix3d& m) {
-    return std::sqrt(std::max(0.0, Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(m).eigenvalues()(2)));
-  };
-  return {{"rotation_sigma_deg", largest(covariance.topLeftCorner<3, 3>()) * 180.0 / std::acos(-1.0)},
-          {"translation_sigma_mm", largest(covariance.bottomRightCorner<3, 3>())}};
+nlohmann::json scan_json(const ScanResult& scan, const ScanReport* report) {
+  nlohmann::json json = {{"name", scan.name},
+                         {"world_from_scan", rows(scan.part_from_sensor.mean.matrix())},
+                         {"covariance", rows(scan.part_from_sensor.covariance())},
+                         {"connected", scan.connected},
+                         {"moved_mm", scan.moved_mm},
+                         {"turned_deg", scan.turned_rad * 180 / std::numbers::pi},
+                         {"rms_mm", scan.rms_mm},
+                         {"noise_mm", scan.noise_mm},
+                         {"spacing_mm", scan.spacing_mm},
+                         {"points",
+                          {{"measured", scan.measured},
+                           {"used", scan.points},
+                           {"dropped_crop", scan.dropped_crop},
+                           {"dropped_edges", scan.dropped_edges},
+                           {"dropped_hidden", scan.dropped_hidden}}}};
+  if (!report) return json;
+  json["observability"] = report->observability;
+  json["matches"] = report->matches;
+  json["matches_rms_mm"] = report->rms_mm;
+  json["free_space_violation"] = report->free_space_violation;
+  json["opposite_contact"] = report->opposite_contact;
+  json["prior_chi_square"] = report->prior_chi_square;
+  json["leave_one_out_mm"] = report->leave_one_out_mm;
+  return json;
+}
+
+nlohmann::json edge_json(const PairReport& pair) {
+  return {{"target", pair.target},
+          {"source", pair.source},
+          {"kind", pair.odometry ? "odometry" : "loop closure"},
+          {"predicted_overlap", pair.predicted_overlap},
+          {"overlap", pair.overlap},
+          {"inliers", pair.inliers},
+          {"rms_mm", pair.rms_mm},
+          {"disagreement_mm", pair.disagreement_mm},
+          {"kept", pair.kept},
+          {"reason", pair.reason}};
 }
 
 }  // namespace
 
 void write_registration(const std::filesystem::path& folder, const FusionResult& result) {
   std::filesystem::create_directories(folder);
-  std::vector<Pose> poses;
+  const Registration& registration = result.registration;
   nlohmann::json json;
-  json["method"] = "refined-pose-graph";
+  json["method"] = to_string(result.method);
+  json["way"] = registration.way;
   json["trusted"] = result.trusted;
   json["reason"] = result.reason;
-  for (const auto& scan : result.scans) {
-    poses.push_back(scan.part_from_sensor.mean);
-    json["scans"].push_back({{"name", scan.name},
-                             {"world_from_scan", rows(scan.part_from_sensor.mean.matrix())},
-                             {"covariance", rows(scan.part_from_sensor.covariance())},
-                             {"observability", observability(scan.part_from_sensor.covariance())},
-                             {"moved_mm", scan.moved_mm},
-                             {"rms_mm", scan.rms_mm},
-                             {"noise_mm", scan.noise_mm},
-                             {"points_measured", scan.measured},
-                             {"points_used", scan.points},
-                             {"connected", scan.connected}});
+  json["advice"] = result.advice;
+  json["converged"] = registration.converged;
+  json["iterations"] = registration.iterations;
+  // Only method "joint" has this test: a 0 from others would look like a perfect score.
+  json["wobble_mm"] =
+      result.method == RegistrationMethod::kJoint ? nlohmann::json(registration.wobble_mm) : nlohmann::json();
+  std::vector<Pose> poses;
+  for (size_t i = 0; i < result.scans.size(); ++i) {
+    poses.push_back(result.scans[i].part_from_sensor.mean);
+    json["scans"].push_back(
+        scan_json(result.scans[i], i < registration.scans.size() ? &registration.scans[i] : nullptr));
   }
   json["edges"] = nlohmann::json::array();
-  for (const auto& edge : result.edges) {
-    json["edges"].push_back({{"target", edge.target},
-                             {"source", edge.source},
-                             {"kind", edge.odometry ? "odometry" : "loop closure"},
-                             {"predicted_overlap", edge.predicted_overlap},
-                             {"overlap", edge.match.overlap},
-                             {"inliers", edge.match.inliers},
-                             {"rms_mm", edge.match.rms_mm},
-                             {"normalised_rms", edge.match.normalised_rms},
-                             {"iterations", edge.match.iterations},
-                             {"disagreement_mm", edge.disagreement_mm},
-                             {"kept", edge.kept},
-                             {"reason", edge.reason}});
-  }
+  for (const PairReport& pair : registration.pairs) json["edges"].push_back(edge_json(pair));
+  json["parameters"] = nlohmann::json::object();
+  for (const ParameterChoice& choice : registration.parameters)
+    json["parameters"][choice.name] = {{"value", choice.value}, {"reason", choice.reason}};
   json["overlap_rms_mm"] = {
       {"before", result.before.rms_mm}, {"after", result.after.rms_mm}, {"matches", result.after.matches}};
-  json["merged"] = {{"points", result.merged.size()},
-                    {"voxel_mm", result.voxel_mm},
-                    {"normals_flipped", result.normals_flipped}};
+  json["merged"] = nullptr;
+  if (result.merged.size() > 0)
+    json["merged"] = {{"points", result.merged.size()},
+                      {"voxel_mm", result.merge.voxel_mm},
+                      {"measurements", result.merge.measurements},
+                      {"cells", result.merge.cells},
+                      {"unsupported", result.merge.unsupported},
+                      {"contradicted", result.merge.contradicted},
+                      {"duplicates", result.merge.duplicates},
+                      {"thinned", result.merge.thinned},
+                      {"normals_flipped", result.normals_flipped}};
   for (const auto& [stage, seconds] : result.timings_s) json["timings_s"][stage] = seconds;
+
+  write_poses(folder / "poses.txt", poses);
+  if (result.merged.size() > 0) {
+    write_point_cloud(folder / "merged.ply", result.merged, {{"sigma", result.merged.sigma_mm}});
+  } else {
+    std::filesystem::remove(folder / "merged.ply");
+  }
   rusage usage{};
   getrusage(RUSAGE_SELF, &usage);
   json["peak_memory_mb"] = static_cast<double>(usage.ru_maxrss) / 1024.0;
-
-  write_poses(folder / "poses.txt", poses);
-  write_point_cloud(folder / "merged.ply", result.merged, {{"sigma", result.merged.sigma_mm}});
   std::ofstream file(folder / "registration.json");
   file << json.dump(2) << "\n";
   if (!file.flush()) throw InputError((folder / "registration.json").string() + ": cannot be written");

@@ -6,6 +6,7 @@
 #include <algorithm>
 
 #include "fusion/scenes.h"
+#include "gantry/foundation/error.h"
 
 namespace gantry {
 namespace {
@@ -122,6 +123,41 @@ TEST(PoseGraph, TheOrderOfTheEdgesDoesNotMatter) {
     EXPECT_LT((first.part_from_sensor[i].mean * a.centres[i] - second.part_from_sensor[i].mean * a.centres[i])
                   .norm(),
               1e-5);
+}
+
+TEST(PoseGraph, AnEdgeCannotDisagreeWhereItKnowsNothing) {
+  PairwiseResult match;
+  match.information.setZero();
+  match.information(5, 5) = 1e6;  // holds along z alone
+  Pose along = Pose::Identity(), off = Pose::Identity();
+  along.translation() = Eigen::Vector3d(3, 0, 0);
+  off.translation() = Eigen::Vector3d(0, 0, 3);
+  EXPECT_LT(edge_disagreement_mm(match, along, Eigen::Vector3d::Zero(), 0.5), 1e-9);
+  EXPECT_NEAR(edge_disagreement_mm(match, off, Eigen::Vector3d::Zero(), 0.5), 3, 1e-3);
+}
+
+TEST(PoseGraph, AWeakWrongLoopDoesNotBendTheChain) {
+  Graph g = make_graph(0.02);
+  // Scan 3 against scan 0 is a flat overlap: it holds along one direction and slid 20 mm along the others.
+  for (auto& edge : g.edges) {
+    if (edge.target != 0 || edge.source != 3) continue;
+    edge.match.information.setZero();
+    edge.match.information(5, 5) = 2500;
+    Pose slid = Pose::Identity();
+    slid.translation() = Eigen::Vector3d(20, 0, 0);
+    edge.match.target_from_source = slid * edge.match.target_from_source;
+  }
+  const PoseGraphResult result = solve(g);
+  EXPECT_EQ(result.pruned, 0);
+  for (size_t i = 0; i < 4; ++i) EXPECT_LT(error_mm(g, result, i), 0.01);
+}
+
+TEST(PoseGraph, BadInputIsRejected) {
+  Graph g = make_graph(0.02);
+  EXPECT_THROW(optimise_pose_graph(g.tagged, g.edges, g.centres, {.edge_prune_threshold_mm = 0}), InputError);
+  g.edges[0].source = 9;
+  EXPECT_THROW(solve(g), InputError);
+  EXPECT_THROW(optimise_pose_graph(g.tagged, g.edges, {}, {}), InputError);
 }
 
 TEST(PoseGraph, CovarianceIsWhatRepetitionShows) {

@@ -1,72 +1,91 @@
 #pragma once
 
 #include <memory>
-#include <optional>
 #include <string>
+#include <string_view>
+#include <utility>
 #include <vector>
 
-#include "gantry/fusion/gicp.h"
+#include "gantry/fusion/global_icp.h"
+#include "gantry/fusion/joint.h"
 #include "gantry/fusion/merge.h"
-#include "gantry/fusion/pose_graph.h"
+#include "gantry/fusion/overlap_residual.h"
+#include "gantry/fusion/pairwise.h"
+#include "gantry/fusion/pose_graph_registration.h"
 #include "gantry/fusion/preprocess.h"
+#include "gantry/fusion/registration.h"
 
 namespace gantry {
 
+/// "joint", "refined-pose-graph", "pose-graph" or "global-icp".
+std::string_view to_string(RegistrationMethod method);
+/// The method of that name. Throws InputError naming the choices.
+RegistrationMethod registration_method(std::string_view name);
+
+/// Nothing has to be set. Options of other methods than the chosen one are not looked at.
 struct FusionOptions {
+  RegistrationMethod method = RegistrationMethod::kJoint;
   PreprocessOptions preprocess;
-  GicpOptions gicp;  ///< max_distance_mm is derived from the poses' covariance for each pair.
-  PoseGraphOptions pose_graph;
+  JointOptions joint;
+  PoseGraphRegistrationOptions pose_graph;  ///< Of both refined-pose-graph and pose-graph.
+  /// How refined-pose-graph registers pairs; pose-graph always goes point-to-plane.
+  PairwiseMethod refined_pairwise = PairwiseMethod::kGeneralizedIcp;
+  GlobalIcpOptions global_icp;
   MergeOptions merge;
-  double min_overlap = 0.1;  ///< Pairs that are predicted to share less are not registered.
+  bool merge_scans = true;  ///< False: poses only, FusionResult::merged stays empty.
 };
 
 /// What became of one scan.
 struct ScanResult {
   std::string name;
   UncertainPose part_from_sensor;  ///< Covariance relative to the first scan.
-  double moved_mm = 0;             ///< How far registration moved the scan's centre from where it was tagged.
-  double rms_mm = 0;               ///< Of its matches with all kept neighbours, at the final poses.
-  size_t points = 0;               ///< After preprocessing.
-  size_t measured = 0;
-  double noise_mm = 0;
-  bool connected = true;  ///< False: no kept edge reaches it from the first scan; only its tag places it.
-};
-
-/// Agreement of all pairs that share surface, at given poses: matches both ways, along the normal,
-/// within 2 mm and 45 degrees, the worst tenth dropped.
-struct OverlapResidual {
-  double rms_mm = 0;
-  size_t matches = 0;
+  double moved_mm = 0;             ///< How far registration moved the scan's centre from where it was tagged,
+  double turned_rad = 0;           ///< and by how much it turned the scan.
+  double rms_mm = 0;               ///< Overlap residual with all other scans at the final poses.
+  double noise_mm = 0;             ///< Of the sensor, along the normal.
+  double spacing_mm = 0;           ///< Median distance of neighbouring points.
+  size_t measured = 0;             ///< Points of the scan, of which ...
+  size_t points = 0;               ///< ... this many are left after preprocessing,
+  size_t dropped_crop = 0;         ///< were outside the part's volume,
+  size_t dropped_edges = 0;        ///< at depth steps, outliers or grazing,
+  size_t dropped_hidden = 0;       ///< or hidden behind others (scans without grid).
+  bool connected = true;  ///< False: no kept pair leads to it from the first scan; only its tag places it.
 };
 
 struct FusionResult {
+  RegistrationMethod method = RegistrationMethod::kJoint;
   std::vector<ScanResult> scans;
-  std::vector<PoseGraphEdge> edges;
-  PointCloud merged;  ///< Part frame, mm, with normals and sigma.
-  double voxel_mm = 0;
+  Registration registration;      ///< Pairs, parameters, and what the method says of its own result.
+  PointCloud merged;              ///< Part frame, mm, with normals and sigma.
+  MergeReport merge;              ///< What became of the measurements in it.
   OverlapResidual before, after;  ///< At the tagged and at the final poses.
-  bool normals_flipped = false;   ///< The scans did not tell where the sensor was; the closed shape decided.
-  bool trusted = true;            ///< All scans connected and the graph converged.
-  std::string reason;             ///< Why not trusted.
+  /// No scan told where its sensor was, and the normals that were guessed pointed into the closed shape.
+  bool normals_flipped = false;
+  bool trusted = true;         ///< False: the result may be wrong, and `reason` says what speaks against it.
+  std::string reason, advice;  ///< Why not trusted, and what to do about it.
   std::vector<std::pair<std::string, double>> timings_s;
 };
 
-/// Multi-view registration, method "refined pose graph" (the paper, section of that name): each scan is
-/// preprocessed and matched by GICP to the earlier ones it overlaps as it arrives; finish() adjusts the
-/// pose graph and merges. The first scan's pose is kept.
+/// Multi-view registration: scans in as they arrive, one merged cloud out. The first scan's pose is kept.
 ///
 ///   Fusion fusion(options);
 ///   for (auto& scan : scans) fusion.add(scan);     // while the stages move on
 ///   FusionResult result = fusion.finish();
+///
+/// add() does the part of the work that grows with the number of pixels, and keeps the range surface only,
+/// so the scan can be freed. finish() registers all scans at once by the chosen method: however they
+/// arrived, the answer is that of all of them given together, bit for bit.
 class Fusion {
  public:
+  /// Throws InputError naming an option of preprocessing that is out of range.
   explicit Fusion(FusionOptions options);
   ~Fusion();
 
-  /// Throws InputError when the scan has too few usable points; the fusion goes on without it.
+  /// Throws InputError when the scan has too few usable points, or repeats an earlier one (which would count
+  /// its errors as agreement); the fusion goes on without it.
   void add(const TaggedScan& scan);
   size_t size() const;
-  /// Throws InputError when no scan was added.
+  /// Ends this fusion. Throws InputError when no scan was added or an option of the method is out of range.
   FusionResult finish();
 
  private:

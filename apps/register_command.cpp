@@ -1,0 +1,294 @@
+#include "register_command.h"
+
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <filesystem>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <numbers>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "gantry/fusion/fusion.h"
+#include "gantry/fusion/poses_file.h"
+#include "gantry/fusion/registration_json.h"
+#include "gantry/geometry/scan_file.h"
+
+namespace gantry {
+namespace {
+
+constexpr double kRadPerDeg = std::numbers::pi / 180;
+
+struct Options {
+  std::vector<std::filesystem::path> scans;
+  std::filesystem::path initial, out;
+  std::vector<double> prior = {15, 15};
+  std::vector<double> crop;
+  std::string method = "joint", pairwise, sampling, unit = "mm";
+  double voxel_size_mm = 0, m = 0, p = 0, max_distance_threshold_mm = 0, edge_prune_threshold_mm = 0;
+  double start_mm = 0, noise_mm = 0, merge_voxel_mm = 0;
+  bool merge_uniform = false, no_merge = false, json = false;
+};
+
+/// Rotations of the stated size about the scan's own middle: about the origin they would throw it away.
+Matrix6d prior_covariance(const Eigen::Vector3d& centre, double sigma_mm, double sigma_deg) {
+  Matrix6d at_centre = Matrix6d::Zero();
+  at_centre.diagonal().head<3>().setConstant(std::pow(sigma_deg * kRadPerDeg, 2));
+  at_centre.diagonal().tail<3>().setConstant(sigma_mm * sigma_mm);
+  Pose part_from_centre = Pose::Identity();
+  part_from_centre.translation() = centre;
+  const Matrix6d a = adjoint(part_from_centre);
+  return a * at_centre * a.transpose();
+}
+
+Eigen::Vector3d centre_of(const Scan& scan) {
+  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+  for (size_t i = 0; i < scan.points.size(); ++i)
+    if (scan.valid(i)) sum += scan.points[i].cast<double>();
+  return sum / static_cast<double>(scan.valid_count());
+}
+
+/// File names, or whole paths where these are the same. Throws InputError for a file that is given twice.
+std::vector<std::string> names_of(const std::vector<std::filesystem::path>& paths) {
+  std::map<std::string, size_t> uses;
+  std::set<std::filesystem::path> seen;
+  for (const auto& path : paths) {
+    ++uses[path.filename().string()];
+    if (!seen.insert(std::filesystem::weakly_canonical(path)).second)
+      throw InputError(path.string() + ": is given twice");
+  }
+  std::vector<std::string> names;
+  for (const auto& path : paths)
+    names.push_back(uses[path.filename().string()] > 1 ? path.string() : path.filename().string());
+  return names;
+}
+
+FusionOptions fusion_options(const Options& o) {
+  FusionOptions options;
+  options.method = registration_method(o.method);
+  if (!o.crop.empty())
+    options.preprocess.crop_part_mm = Eigen::AlignedBox3d(Eigen::Vector3d(o.crop[0], o.crop[1], o.crop[2]),
+                                                          Eigen::Vector3d(o.crop[3], o.crop[4], o.crop[5]));
+  options.joint.start_mm = o.start_mm;
+  options.joint.noise_mm = o.noise_mm;
+  PaperParameters& paper = options.pose_graph.parameters;
+  paper.voxel_size_mm = o.voxel_size_mm;
+  paper.m = o.m;
+  paper.p = o.p;
+  paper.max_distance_threshold_mm = o.max_distance_threshold_mm;
+  paper.edge_prune_threshold_mm = o.edge_prune_threshold_mm;
+  if (o.pairwise == "point-to-plane") options.refined_pairwise = PairwiseMethod::kPointToPlane;
+  options.global_icp.max_distance_mm = o.max_distance_threshold_mm;
+  for (const auto strategy : {SamplingStrategy::kUniform, SamplingStrategy::kRandom,
+                              SamplingStrategy::kNormalSpace, SamplingStrategy::kMaximumLeverage})
+    if (o.sampling == to_string(strategy)) options.global_icp.sampling = strategy;
+  options.merge.voxel_mm = o.merge_voxel_mm;
+  options.merge.uniform_density = o.merge_uniform;
+  options.merge_scans = !o.no_merge;
+  return options;
+}
+
+/// Reads one scan after the other and keeps of each only its range surface.
+FusionResult fuse(const Options& o) {
+  const std::vector<std::string> names = names_of(o.scans);
+  const double unit_mm = o.unit == "m" ? 1000.0 : 1.0;
+  std::vector<Pose> poses;
+  if (!o.initial.empty()) poses = read_poses(o.initial, o.scans.size());
+  Fusion fusion(fusion_options(o));
+  for (size_t i = 0; i < o.scans.size(); ++i) {
+    ScanFile file = read_scan(o.scans[i], unit_mm);
+    if (poses.empty() && !file.has_pose)
+      throw InputError(o.scans[i].string() +
+                       ": holds no VIEWPOINT; give the initial poses with --initial POSES.txt");
+    TaggedScan scan;
+    scan.name = names[i];
+    scan.part_from_sensor.mean = poses.empty() ? file.part_from_sensor : poses[i];
+    scan.part_from_sensor.independent =
+        prior_covariance(scan.part_from_sensor.mean * centre_of(file.scan), o.prior[0], o.prior[1]);
+    scan.scan = std::move(file.scan);
+    spdlog::info("scan {} of {}: {}, {} points{}", i + 1, o.scans.size(), scan.name, scan.scan.valid_count(),
+                 scan.scan.organised() ? ", organised" : "");
+    fusion.add(scan);
+  }
+  return fusion.finish();
+}
+
+void log_parameters(const Registration& registration) {
+  for (const ParameterChoice& choice : registration.parameters)
+    spdlog::info("{} = {:.4g}: {}", choice.name, choice.value, choice.reason);
+}
+
+void print_table(const FusionResult& result) {
+  size_t width = 4;
+  for (const ScanResult& scan : result.scans) width = std::max(width, scan.name.size());
+  const auto column = static_cast<int>(width);
+  const std::vector<ScanReport>& reports = result.registration.scans;
+  std::printf("\n  %-*s    points   moved (mm)   turned (deg)   rms (mm)   held\n", column, "scan");
+  for (size_t i = 0; i < result.scans.size(); ++i) {
+    const ScanResult& scan = result.scans[i];
+    std::string held = i < reports.size() ? reports[i].observability : "";
+    if (held.empty()) held = i == 0 ? "the reference" : "not told by this method";
+    std::printf("  %-*s  %8zu   %10.3f   %12.3f   %8.4f   %s\n", column, scan.name.c_str(), scan.points,
+                scan.moved_mm, scan.turned_rad / kRadPerDeg, scan.rms_mm,
+                scan.connected ? held.c_str() : "NOT CONNECTED");
+  }
+}
+
+void print_summary(const FusionResult& result, const std::filesystem::path& out) {
+  print_table(result);
+  const auto& pairs = result.registration.pairs;
+  const auto kept = std::count_if(pairs.begin(), pairs.end(), [](const PairReport& p) { return p.kept; });
+  std::string way = std::string(to_string(result.method));
+  if (!result.registration.way.empty()) way += ", " + result.registration.way;
+  std::printf("\n  method     %s; %ld of %zu pairs kept\n", way.c_str(), static_cast<long>(kept),
+              pairs.size());
+  std::printf("  overlap    trimmed RMS %.4f mm (at the initial poses %.4f mm)\n", result.after.rms_mm,
+              result.before.rms_mm);
+  std::printf("  time      ");
+  for (const auto& [stage, seconds] : result.timings_s) std::printf(" %s %.2f s", stage.c_str(), seconds);
+  std::printf("\n");
+  if (result.merged.size() > 0)
+    std::printf("  merged     %s, %zu points, cells of %.3g mm\n", (out / "merged.ply").c_str(),
+                result.merged.size(), result.merge.voxel_mm);
+  std::printf("  poses      %s\n", (out / "poses.txt").c_str());
+}
+
+void print_json(const FusionResult& result) {
+  nlohmann::json json{{"method", to_string(result.method)},
+                      {"trusted", result.trusted},
+                      {"reason", result.reason},
+                      {"advice", result.advice},
+                      {"overlap_rms_before_mm", result.before.rms_mm},
+                      {"overlap_rms_after_mm", result.after.rms_mm},
+                      {"points", result.merged.size()}};
+  std::printf("%s\n", json.dump().c_str());
+}
+
+}  // namespace
+
+struct RegisterCommand::Impl {
+  Options options;
+  CLI::App* command = nullptr;
+  /// Options that only some methods use, with the names of these.
+  std::vector<std::pair<CLI::Option*, std::vector<std::string>>> of_methods;
+
+  void refuse_options_of_other_methods() const;
+};
+
+void RegisterCommand::Impl::refuse_options_of_other_methods() const {
+  for (const auto& [option, methods] : of_methods) {
+    if (option->count() == 0 || std::find(methods.begin(), methods.end(), options.method) != methods.end())
+      continue;
+    std::string names;
+    for (const std::string& name : methods) names += (names.empty() ? "" : " and ") + name;
+    throw InputError(option->get_name() + ": is not used by method " + options.method + ", only by " + names);
+  }
+}
+
+RegisterCommand::RegisterCommand(CLI::App& app) : impl_(std::make_unique<Impl>()) {
+  Options& o = impl_->options;
+  CLI::App* command = impl_->command =
+      app.add_subcommand("register",
+                         "Multi-view registration: writes poses.txt, merged.ply and registration.json.\n"
+                         "Exit code 4 and a reason when the result is not to be believed.\n"
+                         "Example: gantry-fusion register scans/*.pcd --initial POSES.txt --out registered");
+  command->add_option("scans", o.scans, "Scans: PLY (a range_grid makes it organised) or PCD")->required();
+  command->add_option("--initial", o.initial,
+                      "POSES.txt: a 4x4 world_from_scan in mm for each scan; otherwise each PCD's VIEWPOINT");
+  command
+      ->add_option("--prior", o.prior,
+                   "Standard deviation of the initial poses about each scan's middle: MM,DEG; default 15,15")
+      ->delimiter(',')
+      ->expected(2)
+      ->check(CLI::PositiveNumber);
+  command->add_option("--method", o.method, "joint, refined-pose-graph, pose-graph or global-icp")
+      ->check(CLI::IsMember({"joint", "refined-pose-graph", "pose-graph", "global-icp"}))
+      ->capture_default_str();
+  command
+      ->add_option("--crop", o.crop, "x0,y0,z0,x1,y1,z1: what lies outside is no part, mm in the part frame")
+      ->delimiter(',')
+      ->expected(6);
+  command->add_option("--unit", o.unit, "Unit of the scan files: mm or m")
+      ->check(CLI::IsMember({"mm", "m"}))
+      ->capture_default_str();
+  command->add_option("--out", o.out, "Folder for the results")->required();
+  auto* merge_voxel = command->add_option("--merge-voxel", o.merge_voxel_mm,
+                                          "Cell of the merged cloud, mm; default: from the point spacing");
+  merge_voxel->check(CLI::PositiveNumber);
+  auto* merge_uniform = command->add_flag("--merge-uniform", o.merge_uniform,
+                                          "Even density of the merged cloud, about one point to a cell");
+  command->add_flag("--no-merge", o.no_merge, "Poses only, no merged.ply")
+      ->excludes(merge_voxel)
+      ->excludes(merge_uniform);
+  command->add_flag("--json", o.json, "Print the summary as JSON");
+
+  const auto of = [&](std::vector<std::string> methods, CLI::Option* option) {
+    std::string names;
+    for (const std::string& name : methods) names += (names.empty() ? "Method " : ", ") + name;
+    option->group(names);
+    impl_->of_methods.emplace_back(option, std::move(methods));
+    return option;
+  };
+  const std::vector<std::string> graphs = {"refined-pose-graph", "pose-graph"};
+  of({"joint"}, command->add_option("--start", o.start_mm,
+                                    "How far apart matching surfaces may lie at the beginning, mm; default: "
+                                    "three sigma of the prior, at most 15 mm"))
+      ->check(CLI::PositiveNumber);
+  of({"joint"}, command->add_option("--noise", o.noise_mm,
+                                    "Noise of the sensor, one sigma, mm; default: measured in the scans"))
+      ->check(CLI::PositiveNumber);
+  of({"refined-pose-graph"},
+     command->add_option("--pairwise", o.pairwise,
+                         "How pairs are registered: generalized-icp (default) or point-to-plane"))
+      ->check(CLI::IsMember({"point-to-plane", "generalized-icp"}));
+  of(graphs, command->add_option("--voxel-size", o.voxel_size_mm,
+                                 "Cell in which points are averaged for the first round, mm; default: leaves "
+                                 "about 6000 of each scan"))
+      ->check(CLI::PositiveNumber);
+  of(graphs, command->add_option("--m", o.m,
+                                 "Maximum distance threshold = voxel size * m, in [1, 4]; without it the "
+                                 "search begins as wide as the prior and ends there with m = 2"))
+      ->check(CLI::Range(1.0, 4.0));
+  of(graphs, command->add_option("--p", o.p, "Edge prune threshold = voxel size / p, in [2, 4]; default 3"))
+      ->check(CLI::Range(2.0, 4.0));
+  of(graphs, command->add_option("--edge-prune-threshold", o.edge_prune_threshold_mm,
+                                 "Instead of --p: pairs that disagree with the final poses by more are left "
+                                 "out, mm at the scan's centre"))
+      ->check(CLI::PositiveNumber);
+  of({"refined-pose-graph", "pose-graph", "global-icp"},
+     command->add_option("--max-distance-threshold", o.max_distance_threshold_mm,
+                         "Points further apart never match, mm; pose graphs: instead of --m; global-icp: "
+                         "instead of a radius that shrinks from the prior to four point spacings"))
+      ->check(CLI::PositiveNumber);
+  of({"global-icp"}, command->add_option("--sampling", o.sampling,
+                                         "How points are chosen: normal-space (default), uniform, random or "
+                                         "maximum-leverage"))
+      ->check(CLI::IsMember({"normal-space", "uniform", "random", "maximum-leverage"}));
+}
+
+RegisterCommand::~RegisterCommand() = default;
+
+bool RegisterCommand::parsed() const {
+  return impl_->command->parsed();
+}
+
+ExitCode RegisterCommand::run() const {
+  const Options& o = impl_->options;
+  impl_->refuse_options_of_other_methods();
+  if (std::filesystem::exists(o.out) && !std::filesystem::is_directory(o.out))
+    throw InputError("--out: " + o.out.string() + " is a file; a folder is expected");
+  const FusionResult result = fuse(o);
+  log_parameters(result.registration);
+  write_registration(o.out, result);
+  o.json ? print_json(result) : print_summary(result, o.out);
+  if (result.trusted) return ExitCode::kPass;
+  spdlog::error("UNDECIDED: {}", result.reason);
+  spdlog::error("What to do: {}", result.advice);
+  return ExitCode::kUndecided;
+}
+
+}  // namespace gantry

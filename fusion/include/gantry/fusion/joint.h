@@ -1,0 +1,40 @@
+#pragma once
+
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "gantry/fusion/range_surface.h"
+#include "gantry/fusion/registration.h"
+
+namespace gantry {
+
+/// Nothing has to be set: 0 (or empty) means chosen from pixel pitch, sensor noise and the covariance of
+/// the tagged poses. What was chosen, and why, is in Registration::parameters.
+struct JointOptions {
+  double start_mm = 0;          ///< How far apart matching surfaces may lie at the beginning.
+  double noise_mm = 0;          ///< Sensor noise along the normal, one sigma.
+  size_t coarse_samples = 0;    ///< Of each scan, in the coarse stage.
+  size_t max_partners = 0;      ///< Scans that one scan is matched with: the ones with most in common.
+  bool global_fallback = true;  ///< Search without the tagged poses when they lead nowhere.
+};
+
+/// Registration of all scans in one adjustment (method "joint"): every pose is unknown at once, and every
+/// scan is matched against every other that it shares surface with, on the measured points themselves.
+///
+///  1. Coarse: range images thinned 16 and 8 fold; nearest compatible points, graduated robustness,
+///     visibility (joint/coarse.h).
+///  2. Fine: by projection into the range images, robust scale down to the noise (joint/matches.h); all
+///     pixels in the last rounds.
+///  3. Judgement (joint/judgement.h): free-space violation, opposite-face contact, the wobble test, prior
+///     chi-square, leave-one-scan-out. A result that fails is tried again from a wider start, then from
+///     global proposals scan by scan (global_initialisation.h); what still fails is returned with a
+///     reason, never as a success.
+///
+/// Tagged poses enter with their covariance as factors. Covariances of the result are those of errors
+/// relative to the first scan, by the sandwich formula over blocks of surface (joint/covariance.h).
+/// The same on any number of threads. Throws InputError for options out of range or no scan at all.
+Registration register_joint(std::span<const RangeSurface> scans, const JointOptions& options);
+
+}  // namespace gantry

@@ -1,0 +1,148 @@
+#include "joint/coarse.h"
+
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "range_image/simd.h"
+
+namespace gantry::internal {
+namespace {
+
+struct Window {
+  int left, right, top, bottom;
+};
+
+/// Nearest cell in the window whose normal agrees with `n` (within `cosine`); -1 if none nearer than
+/// sqrt(limit).
+GANTRY_MULTIVERSION int nearest_compatible(const CoarseLevel& level, const Window& window, float px, float py,
+                                           float pz, float nx, float ny, float nz, float cosine,
+                                           float limit) {
+  float best = limit;
+  int best_at = -1;
+  alignas(64) float distance[64];
+  for (int row = window.top; row <= window.bottom; ++row) {
+    for (int left = window.left; left <= window.right; left += 64) {
+      const int count = std::min(64, window.right - left + 1);
+      const int base = row * level.width + left;
+      const float* __restrict x = level.x.data() + base;
+      const float* __restrict y = level.y.data() + base;
+      const float* __restrict z = level.z.data() + base;
+      const float* __restrict a = level.nx.data() + base;
+      const float* __restrict b = level.ny.data() + base;
+      const float* __restrict c = level.nz.data() + base;
+      for (int k = 0; k < count; ++k) {
+        const float dx = x[k] - px, dy = y[k] - py, dz = z[k] - pz;
+        const float dot = a[k] * nx + b[k] * ny + c[k] * nz;
+        const float d = dx * dx + dy * dy + dz * dz;
+        distance[k] = dot > cosine ? d : 3e38f;
+      }
+      for (int k = 0; k < count; ++k)
+        if (distance[k] < best) {
+          best = distance[k];
+          best_at = base + k;
+        }
+    }
+  }
+  return best_at;
+}
+
+struct Gates {
+  double scale_mm, reach_mm;
+  float cosine;
+};
+
+PairSum match_pair(const CoarseLevel& target, const RayModel& rays, const CoarseLevel& source, size_t samples,
+                   const Pose& target_from_source, const Pose& part_from_target,
+                   const Eigen::Vector3d& centre, const Gates& gates, const CoarseOptions& options) {
+  PairSum sum;
+  const Eigen::Matrix3f rotation = target_from_source.linear().cast<float>();
+  const Eigen::Vector3f shift = target_from_source.translation().cast<float>();
+  const double count = static_cast<double>(source.filled.size());
+  const size_t used = std::min(samples, source.filled.size());
+  const double scale_squared = gates.scale_mm * gates.scale_mm;
+  const auto reach_squared = static_cast<float>(gates.reach_mm * gates.reach_mm);
+  for (size_t k = 0; k < used; ++k) {
+    const int i = source.filled[static_cast<size_t>((k + 0.5) * count / static_cast<double>(used))];
+    const Eigen::Vector3f p = rotation * source.point(i) + shift, n = rotation * source.normal(i);
+    if (rays.central && p.z() <= 1) continue;
+    const Eigen::Vector2d pixel = rays.pixel(rays.ray_of(p.cast<double>())) / target.step;
+    // The pitch shrinks with distance as the image of the reach does: near enough for a window.
+    const int radius = static_cast<int>(gates.reach_mm / target.spacing_mm) + 1;
+    const int column = static_cast<int>(std::floor(std::clamp(pixel.x(), -1e6, 1e6))),
+              row = static_cast<int>(std::floor(std::clamp(pixel.y(), -1e6, 1e6)));
+    const Window window{std::max(0, column - radius), std::min(target.width - 1, column + radius),
+                        std::max(0, row - radius), std::min(target.height - 1, row + radius)};
+    if (window.left > window.right || window.top > window.bottom) continue;
+    const int j = nearest_compatible(target, window, p.x(), p.y(), p.z(), n.x(), n.y(), n.z(), gates.cosine,
+                                     reach_squared);
+    if (j < 0) continue;
+    const Eigen::Vector3f q = target.point(j), m = target.normal(j);
+    const Eigen::Vector3f d = p - q;
+    const double loss = scale_squared / (scale_squared + d.squaredNorm());
+    double weight = loss * loss * (target.border[j] ? options.border_weight : 1.0);
+    if (column >= 0 && row >= 0 && column < target.width && row < target.height) {
+      const int seen = row * target.width + column;
+      const bool in_front = target.z[seen] != CoarseLevel::kNowhere &&
+                            p.z() < target.z[seen] - 2 * static_cast<float>(target.spacing_mm);
+      if (in_front || target.empty[seen]) weight *= options.violation_weight;
+    }
+    const Eigen::Vector3d p_part = part_from_target * p.cast<double>();
+    const Eigen::Vector3d arm = p_part - centre;
+    const Eigen::Vector3f common = (n + m).normalized();
+    const Eigen::Vector3d n_part = part_from_target.linear() * common.cast<double>();
+    sum.add(arm, n_part, common.dot(d), weight);
+    const Eigen::Vector3d d_part = part_from_target.linear() * d.cast<double>();
+    for (int axis = 0; axis < 3; ++axis)
+      sum.add(arm, Eigen::Vector3d::Unit(axis), d_part[axis], options.point_share * weight);
+  }
+  return sum;
+}
+
+}  // namespace
+
+void align_coarse(const CoarseScans& scans, const std::vector<PosePrior>& priors,
+                  const Eigen::Vector3d& centre, const CoarseOptions& options,
+                  std::vector<Pose>& part_from_grid) {
+  const size_t n = scans.levels.size();
+  std::vector<PairSum> sums(n * n);
+  double scale = options.start_mm, angle = options.start_angle_rad;
+  for (int at_end = 0; at_end < options.extra_iterations;) {
+    const Gates gates{scale, 3 * scale, static_cast<float>(std::cos(angle))};
+    tbb::parallel_for(size_t{0}, n * n, [&](size_t pair) {
+      const size_t target = pair / n, source = pair % n;
+      if (target == source) return;
+      if (!options.fixed.empty() && options.fixed[target] && options.fixed[source]) return;
+      sums[pair] = match_pair(*scans.levels[target], *scans.rays[target], *scans.levels[source],
+                              options.samples, part_from_grid[target].inverse() * part_from_grid[source],
+                              part_from_grid[target], centre, gates, options);
+    });
+    NormalEquations equations(n);
+    for (size_t target = 0; target < n; ++target)
+      for (size_t source = 0; source < n; ++source)
+        if (target != source && sums[target * n + source].matches > 0)
+          equations.add_pair(target, source, sums[target * n + source], 1 / (scale * scale));
+    for (size_t i = 0; i < n; ++i) {
+      if (!options.fixed.empty() && options.fixed[i]) {
+        equations.add_prior(i, 1e6 * Matrix6d::Identity() * equations.hessian().diagonal().maxCoeff(),
+                            Vector6d::Zero());
+        continue;
+      }
+      equations.add_prior(i, priors[i].information,
+                          log_about(centre, part_from_grid[i] * priors[i].part_from_grid.inverse()));
+    }
+    const Eigen::VectorXd step = equations.solve();
+    for (size_t i = 0; i < n; ++i)
+      part_from_grid[i] =
+          exp_about(centre, step.segment<6>(static_cast<Eigen::Index>(6 * i))) * part_from_grid[i];
+    if (scale <= options.end_mm * 1.0001) {
+      ++at_end;
+    } else {
+      scale = std::max(options.end_mm, scale * options.shrink);
+      angle = std::max(options.end_angle_rad, angle * std::sqrt(options.shrink));
+    }
+  }
+}
+
+}  // namespace gantry::internal

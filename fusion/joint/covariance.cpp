@@ -1,0 +1,107 @@
+#include "joint/covariance.h"
+
+#include <tbb/parallel_for.h>
+
+#include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <map>
+
+namespace gantry::internal {
+namespace {
+
+/// Many times what shares a measured pixel: creases, along which interpolation errs alike, are longer.
+constexpr double kLeastPatch_px = 64;
+
+using PatchKey = std::array<int, 3>;
+
+}  // namespace
+
+Matrix6d PoseCovariance::of(size_t scan) const {
+  const auto i = static_cast<Eigen::Index>(6 * scan);
+  return all.block<6, 6>(i, i) + all.block<6, 6>(0, 0) - all.block<6, 6>(i, 0) - all.block<6, 6>(0, i);
+}
+
+PoseCovariance pose_covariance(const JointProblem& problem, const Pairs& pairs,
+                               const std::vector<PairSum>& sums,
+                               const std::vector<std::vector<BlockSum>>& blocks) {
+  const size_t n = problem.size();
+  const auto dimension = static_cast<Eigen::Index>(6 * n);
+  PoseCovariance result;
+  int window = 0;
+  for (const RangeSurface& s : problem.scans) window = std::max(window, 2 * s.normal_window_px + 1);
+  result.patch_mm = problem.spacing_mm * std::max(kLeastPatch_px, 4.0 * window);
+
+  // For each patch, the sums of every pair that has matches in it.
+  std::map<PatchKey, std::map<size_t, PairSum>> patches;
+  for (size_t slot = 0; slot < blocks.size(); ++slot) {
+    for (const BlockSum& block : blocks[slot]) {
+      PatchKey key;
+      for (int axis = 0; axis < 3; ++axis)
+        key[axis] =
+            static_cast<int>(std::floor((block.place[axis] - problem.centre[axis]) / result.patch_mm));
+      PairSum& sum = patches[key][slot];
+      sum.hessian += block.hessian.cast<double>();
+      sum.gradient += block.gradient.cast<double>();
+    }
+  }
+  result.patches = patches.size();
+  const auto add = [&](NormalEquations& equations, size_t slot, const PairSum& sum, double factor) {
+    const auto& [a, b] = pairs[slot / 2];
+    equations.add_pair(slot % 2 == 0 ? a : b, slot % 2 == 0 ? b : a, sum, factor);
+  };
+
+  // Weights are 1 at the centre of the loss; the prior is scaled to match.
+  NormalEquations equations(n);
+  double cost = 0, weight = 0;
+  for (size_t slot = 0; slot < sums.size(); ++slot) {
+    add(equations, slot, sums[slot], 1);
+    cost += sums[slot].cost;
+    weight += sums[slot].weight;
+  }
+  const double variance = weight > 0 ? std::max(cost / weight, 1e-12) : 1;
+  for (size_t i = 0; i < n; ++i)
+    equations.add_prior(i, variance * problem.priors[i].information, Vector6d::Zero());
+
+  // Scaled to displacements at the part's radius before inverting. Where taking the tilts out left nothing
+  // or less, the data say nothing: such directions are given the widest uncertainty that the prior allows.
+  Eigen::VectorXd unit(dimension);
+  for (Eigen::Index k = 0; k < dimension; ++k) unit[k] = k % 6 < 3 ? 1 / problem.radius_mm : 1;
+  double weakest_prior = std::numeric_limits<double>::max();
+  for (const PosePrior& prior : problem.priors) {
+    const Vector6d u = unit.head<6>();
+    const Matrix6d scaled = u.asDiagonal() * prior.information * u.asDiagonal();
+    weakest_prior = std::min(weakest_prior, Eigen::SelfAdjointEigenSolver<Matrix6d>(scaled).eigenvalues()(0));
+  }
+  const double least = variance * std::max(weakest_prior, 1e-9);
+  const Eigen::MatrixXd all = unit.asDiagonal() * equations.hessian() * unit.asDiagonal();
+
+  // How far each patch alone moves the poses, and what the prior's own error does.
+  std::vector<const std::map<size_t, PairSum>*> order;
+  for (const auto& [key, patch] : patches) order.push_back(&patch);
+  Eigen::MatrixXd moves(dimension, static_cast<Eigen::Index>(order.size()));
+  tbb::parallel_for(size_t{0}, order.size(), [&](size_t p) {
+    NormalEquations its(n);
+    for (const auto& [slot, sum] : *order[p]) add(its, slot, sum, 1);
+    Eigen::MatrixXd rest = all - unit.asDiagonal() * its.hessian() * unit.asDiagonal();
+    rest.diagonal().array() += least;
+    moves.col(static_cast<Eigen::Index>(p)) =
+        unit.asDiagonal() * rest.ldlt().solve((unit.asDiagonal() * its.gradient()).eval());
+  });
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(all);
+  const Eigen::MatrixXd inverse = unit.asDiagonal() * solver.eigenvectors() *
+                                  solver.eigenvalues().cwiseMax(least).cwiseInverse().asDiagonal() *
+                                  solver.eigenvectors().transpose() * unit.asDiagonal();
+  Eigen::MatrixXd of_prior = Eigen::MatrixXd::Zero(dimension, dimension);
+  for (size_t i = 0; i < n; ++i) {
+    const auto at = static_cast<Eigen::Index>(6 * i);
+    of_prior.block<6, 6>(at, at) = variance * variance * problem.priors[i].information;
+  }
+  result.all = moves * moves.transpose() + inverse * of_prior * inverse;
+  return result;
+}
+
+}  // namespace gantry::internal

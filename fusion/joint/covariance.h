@@ -1,0 +1,31 @@
+#pragma once
+
+#include <vector>
+
+#include "joint/problem.h"
+
+namespace gantry::internal {
+
+/// Covariance of all poses' errors (twists about the problem's centre, in the part frame; 6 rows a scan), by
+/// the jackknife over patches of the part's surface.
+///
+/// The model of correlation: residuals within one patch may be correlated in any way, those of different
+/// patches are independent. Patches are cubes of `patch_mm` in the part frame, 64 pixels wide: whatever
+/// shares a measured pixel (both ways of a pair, several pairs that see the same surface, the normals'
+/// windows) or errs alike (interpolation along a crease, a sensor's local distortion) falls into one patch,
+/// mostly. Leaving patch p out would move the poses by d_p = (H - H_p)^-1 g_p; the covariance is the sum of
+/// d_p d_p^T over the patches (cluster jackknife, CR3; Bell and McCaffrey 2002). It takes noise and the
+/// model's errors as they are, and knows when a few patches alone hold a direction. H is without what noise
+/// in the normals pretends to know (matches.h).
+struct PoseCovariance {
+  Eigen::MatrixXd all;  ///< 6 n x 6 n.
+  size_t patches = 0;
+  double patch_mm = 0;
+  Matrix6d of(size_t scan) const;  ///< Errors of one scan against scan 0.
+};
+
+PoseCovariance pose_covariance(const JointProblem& problem, const Pairs& pairs,
+                               const std::vector<PairSum>& sums,
+                               const std::vector<std::vector<BlockSum>>& blocks);
+
+}  // namespace gantry::internal

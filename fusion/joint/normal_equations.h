@@ -1,0 +1,61 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <vector>
+
+#include "gantry/geometry/pose.h"
+
+namespace gantry::internal {
+
+/// What the matches of one ordered pair of scans say about the motion of the one against the other:
+/// sums over residuals r = n . (p - q), p on the source, q on the target, weighted by w, with
+/// a = dr/d(error of the source) = [(p - centre) x n; n] = -dr/d(error of the target).
+/// Errors are twists in the part frame about a common centre: pose = shifted_exp(error) * pose.
+struct PairSum {
+  Matrix6d hessian = Matrix6d::Zero();   ///< sum w a a^T
+  Vector6d gradient = Vector6d::Zero();  ///< sum w a r
+  double weight = 0;                     ///< sum w
+  double cost = 0;                       ///< sum of robust costs
+  size_t matches = 0;
+
+  void add(const Eigen::Vector3d& arm, const Eigen::Vector3d& n, double r, double w) {
+    Vector6d a;
+    a << arm.cross(n), n;
+    hessian.noalias() += w * a * a.transpose();
+    gradient += w * r * a;
+    weight += w;
+    ++matches;
+  }
+  PairSum& operator+=(const PairSum& o);
+};
+
+/// The normal equations of all poses together.
+class NormalEquations {
+ public:
+  explicit NormalEquations(size_t scans)
+      : hessian_(Eigen::MatrixXd::Zero(6 * scans, 6 * scans)), gradient_(Eigen::VectorXd::Zero(6 * scans)) {}
+
+  void add_pair(size_t target, size_t source, const PairSum& sum, double factor = 1);
+  /// A factor on one pose alone: cost (error + offset)^T information (error + offset).
+  void add_prior(size_t scan, const Matrix6d& information, const Vector6d& offset);
+
+  const Eigen::MatrixXd& hessian() const { return hessian_; }
+  const Eigen::VectorXd& gradient() const { return gradient_; }
+  /// The step that minimises the quadratic; rows and columns are scaled first, because radians and
+  /// millimetres differ. Unconstrained directions are left alone.
+  Eigen::VectorXd solve() const;
+
+ private:
+  Eigen::MatrixXd hessian_;
+  Eigen::VectorXd gradient_;
+};
+
+/// The motion by a twist about `centre` instead of the origin.
+Pose exp_about(const Eigen::Vector3d& centre, const Vector6d& twist);
+/// Inverse of exp_about.
+Vector6d log_about(const Eigen::Vector3d& centre, const Pose& motion);
+/// Turns a covariance of errors about `from` into that of errors about `to`.
+Matrix6d shifted_covariance(const Matrix6d& covariance, const Eigen::Vector3d& from,
+                            const Eigen::Vector3d& to);
+
+}  // namespace gantry::internal

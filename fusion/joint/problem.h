@@ -1,0 +1,70 @@
+#pragma once
+
+#include <span>
+#include <utility>
+#include <vector>
+
+#include "gantry/fusion/range_surface.h"
+#include "joint/coarse.h"
+#include "joint/matches.h"
+#include "joint/normal_equations.h"
+
+namespace gantry::internal {
+
+/// All that the stages of the joint method share.
+struct JointProblem {
+  std::span<const RangeSurface> scans;
+  /// Thinned 16 and 8 fold, or less where scans are small; spacings in mm.
+  std::vector<CoarseLevel> coarse_levels, medium_levels;
+  double coarse_mm = 0, medium_mm = 0;
+  CoarseScans coarse, medium;
+  std::vector<PosePrior> priors;
+  Eigen::Vector3d centre = Eigen::Vector3d::Zero();  ///< Of the part: errors are twists about it.
+  double radius_mm = 1;                              ///< Of the part about its centre.
+  double noise_mm = 0, spacing_mm = 0;               ///< Medians over the scans.
+  double normal_variance = 0;                        ///< By which noise tilts a match's normal, rad^2.
+  size_t max_partners = 16;
+
+  size_t size() const { return scans.size(); }
+  // Where one stage ends and the next begins: what nearest points of a level can tell of its spacing.
+  double coarse_end_mm() const { return 0.7 * coarse_mm; }
+  double medium_end_mm() const { return 0.55 * medium_mm; }
+  double fine_start_mm() const { return 0.7 * medium_mm; }
+};
+
+using Poses = std::vector<Pose>;                       ///< part_from_grid of every scan.
+using Pairs = std::vector<std::pair<size_t, size_t>>;  ///< Unordered pairs, first < second.
+
+/// Pairs that share surface at these poses, at most `max_partners` for each scan but always enough to
+/// connect what can be connected.
+Pairs pairs_with_overlap(const JointProblem& problem, const Poses& poses, double tolerance_mm);
+
+/// One round of matching over `pairs`, both ways: sums for (target, source) of pairs[k] at 2k, the other
+/// way round at 2k + 1.
+/// `blocks` (optional): the sums block by block for each. `active` (optional, strides up to 4): filled
+/// when empty, used when not.
+std::vector<PairSum> match_all(const JointProblem& problem, const Pairs& pairs, const Poses& poses,
+                               const MatchGates& gates, std::vector<std::vector<BlockSum>>* blocks = nullptr,
+                               std::vector<ActiveBlocks>* active = nullptr);
+
+NormalEquations equations_of(const JointProblem& problem, const Pairs& pairs, const Poses& poses,
+                             const std::vector<PairSum>& sums, double sigma_mm);
+
+/// Applies a step to all poses; returns the largest displacement of any scan, at the part's radius.
+double apply_step(const JointProblem& problem, const Eigen::VectorXd& step, Poses& poses);
+
+/// How far two sets of poses put the scans apart, at the part's radius, once scan 0 lies at the same place.
+double difference_mm(const JointProblem& problem, const Poses& a, const Poses& b);
+
+struct FineResult {
+  double sigma_mm = 0;  ///< Robust standard deviation of the residuals.
+  double step_mm = 0;   ///< Of the last round.
+  int rounds = 0;
+};
+
+/// Gauss-Newton with matches by projection; robust scale from `start_mm` down to three sigma of the
+/// residuals. `samples` a scan, about.
+FineResult align_fine(const JointProblem& problem, const Pairs& pairs, double start_mm, size_t samples,
+                      int max_rounds, Poses& poses, std::vector<ActiveBlocks>* active = nullptr);
+
+}  // namespace gantry::internal
