@@ -90,20 +90,6 @@ std::string advice_for(const FusionResult& result) {
          "from calibrated kinematics with their covariance";
 }
 
-/// Normals of a closed part point away from its middle. If they do not, and no scan told where its sensor
-/// stood, the guess was wrong.
-bool normals_point_inwards(const std::vector<RangeSurface>& scans, const PointCloud& merged) {
-  if (std::any_of(scans.begin(), scans.end(), [](const RangeSurface& s) { return s.sensor_known; }))
-    return false;
-  Eigen::Vector3d middle = Eigen::Vector3d::Zero();
-  for (const auto& p : merged.points) middle += p.cast<double>();
-  middle /= std::max(1.0, static_cast<double>(merged.size()));
-  double outward = 0;
-  for (size_t i = 0; i < merged.size(); ++i)
-    outward += (merged.points[i].cast<double>() - middle).dot(merged.normals[i].cast<double>());
-  return outward < 0;
-}
-
 }  // namespace
 
 std::string_view to_string(RegistrationMethod method) {
@@ -146,12 +132,13 @@ void Fusion::add(const TaggedScan& scan) {
 }
 
 FusionResult Fusion::finish() {
-  const std::vector<RangeSurface> scans = std::move(impl_->scans);
+  std::vector<RangeSurface> scans = std::move(impl_->scans);
   if (scans.empty()) throw InputError("registration: there is no scan to register");
   FusionResult result;
   result.method = impl_->options.method;
   result.timings_s.emplace_back("preprocess", impl_->preprocess_s);
   const Stopwatch registering;
+  result.sides_guessed = settle_unknown_sides(scans);
   result.registration = register_scans(scans, impl_->options);
   result.timings_s.emplace_back("register", registering.seconds());
   result.reason = result.registration.reason;
@@ -193,10 +180,6 @@ FusionResult Fusion::finish() {
   if (impl_->options.merge_scans) {
     const Stopwatch merging;
     result.merged = merge_surfaces(scans, after, impl_->options.merge, &result.merge);
-    if (normals_point_inwards(scans, result.merged)) {
-      for (auto& n : result.merged.normals) n *= -1;
-      result.normals_flipped = true;
-    }
     result.timings_s.emplace_back("merge", merging.seconds());
   }
   return result;

@@ -102,7 +102,7 @@ void write_registration(const std::filesystem::path& folder, const FusionResult&
                       {"contradicted", result.merge.contradicted},
                       {"duplicates", result.merge.duplicates},
                       {"thinned", result.merge.thinned},
-                      {"normals_flipped", result.normals_flipped}};
+                      {"sides_guessed", result.sides_guessed}};
   for (const auto& [stage, seconds] : result.timings_s) json["timings_s"][stage] = seconds;
 
   write_poses(folder / "poses.txt", poses);

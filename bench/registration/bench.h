@@ -23,7 +23,7 @@ struct BenchOptions {
   std::vector<Band> bands;
   size_t draws = 10;
   size_t view_sets = 2;  ///< Draws are dealt over so many choices of viewpoints.
-  size_t coverage_runs = 200;
+  size_t coverage_runs = 100;
   bool quick = false;
   int threads = 0;
   std::filesystem::path bunny, out;

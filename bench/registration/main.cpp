@@ -138,9 +138,9 @@ int main(int argc, char** argv) {
   app.add_option("--parts", o.parts, "Of the accuracy section")
       ->delimiter(',')
       ->check(CLI::IsMember(part_names()));
-  app.add_option("--bands", bands, "Initial errors, FROM-TO in degrees and mm")
-      ->delimiter(',')
-      ->capture_default_str();
+  auto* bands_given = app.add_option("--bands", bands, "Initial errors, FROM-TO in degrees and mm")
+                          ->delimiter(',')
+                          ->capture_default_str();
   auto* draws = app.add_option("--draws", o.draws, "Initial poses in each band; slower methods do fewer")
                     ->check(CLI::Range(1, 1000))
                     ->capture_default_str();
@@ -150,9 +150,9 @@ int main(int argc, char** argv) {
   auto* coverage = app.add_option("--coverage-runs", o.coverage_runs, "Runs a part of the covariance section")
                        ->check(CLI::Range(1, 100000))
                        ->capture_default_str();
-  app.add_option("--methods", o.methods, "Of the accuracy section")
-      ->delimiter(',')
-      ->check(CLI::IsMember(method_names()));
+  auto* methods_given = app.add_option("--methods", o.methods, "Of the accuracy section")
+                            ->delimiter(',')
+                            ->check(CLI::IsMember(method_names()));
   app.add_option("--sections", o.sections, "What to measure")->delimiter(',')->check(CLI::IsMember([] {
     std::vector<std::string> names;
     for (const Section& section : kSections) names.push_back(section.name);
@@ -163,7 +163,7 @@ int main(int argc, char** argv) {
                  "Mesh of the Stanford bunny (bun_zipper.ply); without it its rows are skipped")
       ->envname("GANTRY_BUNNY")
       ->check(CLI::ExistingFile);
-  app.add_flag("--quick", o.quick, "Two draws and few runs: to see that it works")
+  app.add_flag("--quick", o.quick, "Two draws of two bands, few runs, no peers: to see that it works")
       ->excludes(draws)
       ->excludes(coverage);
   app.add_option("--measure", measure)->group("");
@@ -177,8 +177,14 @@ int main(int argc, char** argv) {
       measure_in_this_process(measure_scans, measure);
       return ExitCode::kPass;
     }
+    if (o.quick) {
+      o.draws = 2;
+      o.view_sets = 1;
+      o.coverage_runs = 5;
+      if (bands_given->count() == 0) bands = {"1-3", "10-15"};
+      if (methods_given->count() == 0) std::erase_if(o.methods, is_peer);
+    }
     for (const std::string& word : bands) o.bands.push_back(parse_band(word));
-    if (o.quick) o.draws = 2, o.coverage_runs = 5;
     Bench bench{o, {}, Progress(stdout_is_terminal())};
     run_sections(bench, command_line(argc, argv));
     return ExitCode::kPass;

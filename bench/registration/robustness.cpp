@@ -47,7 +47,7 @@ std::string robustness(Bench& bench) {
                "element difference", "CPU s"});
   for (const Trouble& trouble : troubles()) {
     bench.progress.stage("robustness: " + trouble.part + ", " + trouble.name);
-    const ScannedPart scanned(trouble.part, bench.options.bunny, 1, trouble.holder);
+    const ScannedPart scanned(trouble.part, bench.options.bunny, trouble.holder);
     const ScanSet set = scanned.scan(trouble.settings);
     PreparedMethod joint = prepare(make_method("joint"), set);
     for (size_t d = 0; d < draws; ++d) {
@@ -68,7 +68,8 @@ std::string robustness(Bench& bench) {
   return "## Trouble\nMethod joint, initial poses off by " + band.name() +
          " degrees and mm, eight views and noise 0.05 mm unless said otherwise. A part that is turned "
          "without any "
-         "feature has no right answer about its axis: *undecided* is the right word for it, and so it may be "
+         "feature has no right answer about its axis, nor has a scan that does not see the bumps: "
+         "*undecided* is the right word for it, and so it may be "
          "where "
          "little overlaps.\n\n" +
          table.str();

@@ -86,12 +86,8 @@ TriangleMesh make_part(const std::string& name, const std::filesystem::path& bun
   throw InputError("part \"" + name + "\" is not known; expected one of " + known);
 }
 
-ScannedPart::ScannedPart(const std::string& name, const std::filesystem::path& bunny, double scale,
-                         bool holder)
-    : name_(name),
-      part_(scale == 1 ? make_part(name, bunny)
-                       : scaled_about_centre(make_part(name, bunny), static_cast<float>(scale))),
-      scene_(holder ? merged(part_, make_holder()) : part_) {}
+ScannedPart::ScannedPart(const std::string& name, const std::filesystem::path& bunny, bool holder)
+    : name_(name), part_(make_part(name, bunny)), scene_(holder ? merged(part_, make_holder()) : part_) {}
 
 ScanSet ScannedPart::scan(const ScanSettings& settings) const {
   ScanSet set;

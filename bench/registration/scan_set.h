@@ -42,9 +42,8 @@ struct ScanSet {
 /// A part in front of the simulated sensor; made once, scanned many times.
 class ScannedPart {
  public:
-  /// `scale` enlarges the part; with `holder` the demo holder stands under it.
-  ScannedPart(const std::string& name, const std::filesystem::path& bunny, double scale = 1,
-              bool holder = false);
+  /// With `holder` the demo holder stands under the part.
+  ScannedPart(const std::string& name, const std::filesystem::path& bunny, bool holder = false);
 
   ScanSet scan(const ScanSettings& settings) const;
   const std::string& name() const { return name_; }

@@ -94,9 +94,22 @@ Measured measure_in_child(const std::filesystem::path& folder, const std::string
   return m;
 }
 
+/// Removed with all that it holds, also when a measurement fails.
+struct TemporaryFolder {
+  std::filesystem::path path =
+      std::filesystem::temp_directory_path() / text("gantry-bench-%d", static_cast<int>(getpid()));
+  TemporaryFolder() { std::filesystem::create_directories(path); }
+  TemporaryFolder(const TemporaryFolder&) = delete;
+  TemporaryFolder& operator=(const TemporaryFolder&) = delete;
+  ~TemporaryFolder() {
+    std::error_code ignored;
+    std::filesystem::remove_all(path, ignored);
+  }
+};
+
 struct Load {
-  std::string name, part;
-  double scale = 1;
+  std::string name;
+  int width = 1920;  ///< Of the sensor, pixels; the height follows at 8 : 5.
   size_t views = 8;
   bool without_grid = false;
   std::vector<std::pair<std::string, int>> runs;  ///< Method and threads.
@@ -129,29 +142,28 @@ void measure_in_this_process(const std::filesystem::path& folder, const std::str
 }
 
 std::string time_and_memory(Bench& bench) {
-  const bool bunny = bench.options.has_part("bunny");
-  const std::string part = bunny ? "bunny" : "prismatic-block";
-  std::vector<Load> loads = {{"8 scans",
-                              part,
-                              1,
-                              8,
-                              false,
-                              {{"joint", 1}, {"joint", 2}, {"refined-pose-graph", 2}, {"open3d-gicp", 2}}},
-                             {"12 scans, dense",
-                              part,
-                              bunny ? 1.5 : 1.6,
-                              12,
-                              false,
-                              {{"joint", 1}, {"joint", 2}, {"open3d-gicp", 2}}},
-                             {"8 scans, no grid", part, 1, 8, true, {{"joint", 1}, {"joint", 2}}}};
+  const std::string part = bench.options.has_part("bunny") ? "bunny" : "prismatic-block";
+  const std::vector<Load> loads = {
+      {"8 scans",
+       1920,
+       8,
+       false,
+       {{"joint", 1}, {"joint", 2}, {"refined-pose-graph", 2}, {"open3d-gicp", 2}}},
+      {"12 scans, 4.7 MP", 2752, 12, false, {{"joint", 1}, {"joint", 2}, {"open3d-gicp", 2}}},
+      {"8 scans, no grid", 1920, 8, true, {{"joint", 1}, {"joint", 2}}}};
   Table table({"load", "points a scan", "method", "threads", "preparation, wall s (CPU)",
                "registration, wall s (CPU)", "peak memory MB", "dmax mm"});
-  const std::filesystem::path folder =
-      std::filesystem::temp_directory_path() / text("gantry-bench-%d", static_cast<int>(getpid()));
+  const TemporaryFolder temporary;
+  const ScannedPart scanned(part, bench.options.bunny);
   for (const Load& load : loads) {
+    const std::filesystem::path folder = temporary.path / load.name;
     std::filesystem::create_directories(folder);
-    ScanSet set = ScannedPart(load.part, bench.options.bunny, load.scale)
-                      .scan({.views = load.views, .without_grid = load.without_grid});
+    ScanSettings settings;
+    settings.views = load.views;
+    settings.without_grid = load.without_grid;
+    settings.sensor.width = load.width;
+    settings.sensor.height = load.width * 5 / 8;
+    const ScanSet set = scanned.scan(settings);
     const std::vector<UncertainPose> initial = initial_poses(set, 3, 6, 3000);
     std::vector<Pose> poses;
     for (const UncertainPose& pose : initial) poses.push_back(pose.mean);
@@ -166,7 +178,7 @@ std::string time_and_memory(Bench& bench) {
       const Measured m = measure_in_child(folder, method, threads);
       RunRecord run;
       run.section = kSection;
-      run.part = load.part;
+      run.part = part;
       run.method = method;
       run.label = load.name + text(", %d threads", threads);
       run.error = pose_error(set, initial, read_poses(folder / "found.txt", set.scans.size()));
@@ -181,7 +193,8 @@ std::string time_and_memory(Bench& bench) {
     std::filesystem::remove_all(folder);
   }
   return "## Time and memory\nThe " + part +
-         ", sensor of 1920 x 1200 pixels, initial poses off by [3,6]. Each line is a process of its own. "
+         ", sensor of 1920 x 1200 pixels (2752 x 1720 for 4.7 MP), initial poses off by [3,6]. Each line is "
+         "a process of its own. "
          "Reading is not "
          "timed. Peak memory is above what the program held before the first scan, and includes the scans, "
          "which are "

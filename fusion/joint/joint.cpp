@@ -24,12 +24,16 @@ using namespace internal;
 /// 0.08 mm, wrong ones above 0.02 or 0.25 mm (docs/results/registration.md).
 constexpr double kWorstViolation = 0.01;
 constexpr double kWorstWobble_mm = 0.12;
+/// ... or this many standard deviations of the residuals, where sensor and model are worse than that.
+constexpr double kWorstWobbleInSigmas = 1.5;
 /// Chi-square of 6 degrees of freedom at one in a million.
 constexpr double kWorstPriorChiSquare = 38.3;
 /// A scan that moves the others by more, when it is taken out, contradicts them.
 constexpr double kWorstLeaveOneOut_mm = 0.25;
+constexpr double kWorstLeaveOneOutInSigmas = 6;
 /// A pose that is less certain than this somewhere on the part is of no use for inspection.
 constexpr double kUncertain_mm = 0.1;
+constexpr double kUncertainInSigmas = 1.5;
 /// Fewer pixels say nothing of a fraction.
 constexpr size_t kLeastTested = 100;
 
@@ -186,9 +190,10 @@ std::string objection_to(const JointProblem& problem, const Attempt& attempt) {
     return text("surface lies where another scan looked through, up to %.1f %% of a scan: ",
                 100 * attempt.evidence.worst_violation) +
            names_of(problem, violating);
-  if (!(attempt.wobble_mm <= kWorstWobble_mm))
+  const double worst_wobble_mm = std::max(kWorstWobble_mm, kWorstWobbleInSigmas * attempt.sigma_mm);
+  if (!(attempt.wobble_mm <= worst_wobble_mm))
     return text("the result is not unique: pushed by 2 mm it came to rest %.3g mm away (limit %.2g mm): ",
-                attempt.wobble_mm, kWorstWobble_mm) +
+                attempt.wobble_mm, worst_wobble_mm) +
            sliding_in_words(problem, attempt.weakest);
   return "";
 }
@@ -369,6 +374,7 @@ Registration register_joint(std::span<const RangeSurface> scans, const JointOpti
   Matrix6d turn = Matrix6d::Zero();
   turn.topLeftCorner<3, 3>() = gauge.linear();
   turn.bottomRightCorner<3, 3>() = gauge.linear();
+  const double uncertain_mm = std::max(kUncertain_mm, kUncertainInSigmas * best->sigma_mm);
   std::vector<size_t> uncertain;
   for (size_t i = 0; i < n; ++i) {
     ScanReport& report = result.scans[i];
@@ -389,12 +395,12 @@ Registration register_joint(std::span<const RangeSurface> scans, const JointOpti
                        : gauge * best->poses[i] * scans[i].sensor_from_grid.inverse();
     if (i > 0) {
       const Matrix6d about_centre = turn * covariance.of(i) * turn.transpose();
-      report.observability = observability_in_words(about_centre, problem.radius_mm, kUncertain_mm);
+      report.observability = observability_in_words(about_centre, problem.radius_mm, uncertain_mm);
       pose.independent = shifted_covariance(about_centre, gauge * problem.centre, Eigen::Vector3d::Zero());
       Vector6d unit;
       unit << Eigen::Vector3d::Constant(problem.radius_mm), Eigen::Vector3d::Ones();
       const Matrix6d scaled = unit.asDiagonal() * about_centre * unit.asDiagonal();
-      if (Eigen::SelfAdjointEigenSolver<Matrix6d>(scaled).eigenvalues()(5) > kUncertain_mm * kUncertain_mm)
+      if (Eigen::SelfAdjointEigenSolver<Matrix6d>(scaled).eigenvalues()(5) > uncertain_mm * uncertain_mm)
         uncertain.push_back(i);
     } else {
       report.observability = "the reference";
@@ -415,6 +421,8 @@ Registration register_joint(std::span<const RangeSurface> scans, const JointOpti
     pair.rms_mm = weight > 0 ? std::sqrt((sums[2 * k].cost + sums[2 * k + 1].cost) / weight) : 0;
     result.pairs.push_back(pair);
   }
+  const double worst_leave_one_out_mm =
+      std::max(kWorstLeaveOneOut_mm, kWorstLeaveOneOutInSigmas * best->sigma_mm);
   if (result.reason.empty())
     for (size_t i = 0; i < n; ++i) {
       const ScanReport& report = result.scans[i];
@@ -423,10 +431,10 @@ Registration register_joint(std::span<const RangeSurface> scans, const JointOpti
             "%s ended further from its tagged pose than the tag's covariance allows "
             "(chi-square %.0f, limit %.0f)",
             scans[i].name.c_str(), report.prior_chi_square, kWorstPriorChiSquare);
-      if (report.leave_one_out_mm > kWorstLeaveOneOut_mm)
+      if (report.leave_one_out_mm > worst_leave_one_out_mm)
         result.reason =
             text("%s contradicts the others: without it they would move by %.2f mm (limit %.2f mm)",
-                 scans[i].name.c_str(), report.leave_one_out_mm, kWorstLeaveOneOut_mm);
+                 scans[i].name.c_str(), report.leave_one_out_mm, worst_leave_one_out_mm);
     }
   if (result.reason.empty() && !uncertain.empty())
     result.reason = text("%s is not held well enough: ", scans[uncertain[0]].name.c_str()) +

@@ -15,8 +15,8 @@ namespace gantry {
 namespace {
 
 /// Neighbours further apart in depth than this many pixel pitches belong to different surfaces. A
-/// continuous surface reaches it only beyond 75 degrees of incidence, where there is little to measure.
-constexpr float kStepInPitches = 4;
+/// continuous surface reaches it only beyond 80 degrees of incidence, where there is little to measure.
+constexpr float kStepInPitches = 6;
 /// ... or this many standard deviations of the noise, where that is more.
 constexpr float kStepInSigmas = 7;
 /// A point further than this from the plane of its window is an outlier. Creases reach more than a pitch,
@@ -254,6 +254,51 @@ RangeSurface make_range_surface(const TaggedScan& tagged, const PreprocessOption
   for (const unsigned char flag : s.flags) s.usable += (flag & RangeSurface::kUsable) != 0;
   if (s.usable < kMinPoints) throw too_few(s.usable);
   return s;
+}
+
+void turn_over(RangeSurface& s) {
+  const Eigen::Vector3d half_turn(1, -1, -1);  // about x
+  s.sensor_from_grid.linear() = s.sensor_from_grid.linear() * half_turn.asDiagonal();
+  // v changes sign: as the value of one map, as the argument of the other.
+  s.rays.ray_of_pixel.row(1) *= -1;
+  for (const int odd : {2, 4, 7, 9}) s.rays.pixel_of_ray.col(odd) *= -1;  // b, ab, aab, bbb
+  float most = 0;
+  for (const float w : s.w) most = std::max(most, w);
+  s.sensor_from_grid = s.sensor_from_grid * Eigen::Translation3d(0, 0, -most - 1);
+  for (size_t i = 0; i < s.w.size(); ++i) {
+    if (s.w[i] == 0) continue;
+    s.w[i] = most + 1 - s.w[i];
+    const Eigen::Vector3f n = unpack_normal(s.normals[i]);
+    s.normals[i] = pack_normal(-Eigen::Vector3f(n.x(), -n.y(), -n.z()));
+  }
+}
+
+size_t settle_unknown_sides(std::span<RangeSurface> surfaces) {
+  const auto each_point = [](const RangeSurface& s, auto&& visit) {
+    const Pose pose = s.part_from_grid();
+    for (int row = 0; row < s.height; row += 4)
+      for (int column = 0; column < s.width; column += 4)
+        if (const size_t i = s.index(column, row); s.w[i] != 0)
+          visit(pose * s.point(column, row), pose.linear() * unpack_normal(s.normals[i]).cast<double>());
+  };
+  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+  double count = 0;
+  for (const RangeSurface& s : surfaces)
+    each_point(s, [&](const Eigen::Vector3d& p, const Eigen::Vector3d&) {
+      sum += p;
+      ++count;
+    });
+  size_t turned = 0;
+  for (RangeSurface& s : surfaces) {
+    if (s.sensor_known) continue;
+    double outwards = 0;
+    each_point(
+        s, [&](const Eigen::Vector3d& p, const Eigen::Vector3d& n) { outwards += n.dot(p - sum / count); });
+    if (outwards >= 0) continue;
+    turn_over(s);
+    ++turned;
+  }
+  return turned;
 }
 
 PointCloud surface_cloud(const RangeSurface& s, std::vector<unsigned char>* rim) {

@@ -114,17 +114,6 @@ std::optional<Pose> locate_camera(const std::vector<PixelSample>& samples) {
 
 }  // namespace
 
-bool bulges_towards_viewer(const std::vector<Eigen::Vector3d>& points) {
-  Eigen::Vector3d middle = Eigen::Vector3d::Zero();
-  for (const auto& p : points) middle += p / static_cast<double>(points.size());
-  double mean = 0;
-  for (const auto& p : points)
-    mean += (p - middle).head<2>().squaredNorm() / static_cast<double>(points.size());
-  double covariance = 0;
-  for (const auto& p : points) covariance += (p - middle).z() * ((p - middle).head<2>().squaredNorm() - mean);
-  return covariance >= 0;
-}
-
 std::optional<FittedRays> fit_rays(const std::vector<PixelSample>& samples) {
   if (samples.size() < 50) return std::nullopt;
   std::vector<Eigen::Vector2d> pixels, rays;
@@ -162,9 +151,8 @@ std::optional<FittedRays> fit_rays(const std::vector<PixelSample>& samples) {
     fitted.rays = fit_maps(pixels, rays, false, rms_px);
   };
   fit_along();
-  std::vector<Eigen::Vector3d> points;
-  for (const auto& s : samples) points.push_back(axes.transpose() * s.point);
-  if (!bulges_towards_viewer(points)) {
+  // Columns run to the right and rows down as the sensor sees them, unless the grid is listed mirrored.
+  if (fitted.rays.ray_of_pixel.block<2, 2>(0, 1).determinant() < 0) {
     axes = axes * Eigen::Vector3d(1, -1, -1).asDiagonal();
     fit_along();
   }

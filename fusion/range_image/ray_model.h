@@ -18,10 +18,6 @@ struct FittedRays {
   bool sensor_known = true;  ///< False for parallel rays: their direction is known, its sign is guessed.
 };
 
-/// Whether points seen along z lie the further away the further they lie out: as on most parts seen from
-/// outside, and so a guess of which side a sensor with parallel rays stood on, where nothing tells it.
-bool bulges_towards_viewer(const std::vector<Eigen::Vector3d>& points);
-
 /// Finds how the pixels of a grid look, from points that were measured through them: rays that meet in
 /// the origin; rays that meet elsewhere (points given in another frame than the sensor's); parallel rays.
 /// Nothing when none explains the grid within a tenth of a pixel.

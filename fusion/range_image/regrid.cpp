@@ -159,7 +159,48 @@ double hidden_fraction(const std::vector<Ray>& rays, double cell, bool central, 
   return static_cast<double>(hidden) / static_cast<double>(std::max<size_t>(1, rays.size()));
 }
 
-void lay_out_points(const std::vector<Eigen::Vector3f>& points, RangeSurface& s) {
+/// The direction along which a grid looks whose rays are only about parallel (a line scanner's fan on a
+/// stage): positions across it are nearly linear in column and row, so what a linear fit leaves over lies
+/// along it. Its sign is meaningless.
+Eigen::Vector3d viewing_axis(const Scan& scan, const std::vector<unsigned char>& keep) {
+  Eigen::Matrix3d normal = Eigen::Matrix3d::Zero(), right = Eigen::Matrix3d::Zero();
+  const auto each = [&](auto&& visit) {
+    for (int row = 0; row < scan.height; row += 2)
+      for (int column = 0; column < scan.width; column += 2)
+        if (const size_t i = scan.index(column, row); keep[i])
+          visit(Eigen::Vector3d(1, column, row), Eigen::Vector3d(scan.points[i].cast<double>()));
+  };
+  each([&](const Eigen::Vector3d& pixel, const Eigen::Vector3d& p) {
+    normal += pixel * pixel.transpose();
+    right += pixel * p.transpose();
+  });
+  const Eigen::Matrix3d linear = normal.inverse() * right;
+  Eigen::Matrix3d left = Eigen::Matrix3d::Zero();
+  each([&](const Eigen::Vector3d& pixel, const Eigen::Vector3d& p) {
+    const Eigen::Vector3d r = p - linear.transpose() * pixel;
+    left += r * r.transpose();
+  });
+  return Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(left).eigenvectors().col(2);
+}
+
+/// Of the two ways to look along an axis the one from which the outline of a solid lies behind its middle.
+Eigen::Vector3d towards_the_outline(const std::vector<Eigen::Vector3f>& points, const Eigen::Vector3d& axis) {
+  Eigen::Vector3d middle = Eigen::Vector3d::Zero();
+  for (const auto& p : points) middle += p.cast<double>() / static_cast<double>(points.size());
+  double mean = 0, together = 0;
+  for (const auto& p : points) {
+    const Eigen::Vector3d d = p.cast<double>() - middle;
+    mean += (d - d.dot(axis) * axis).squaredNorm() / static_cast<double>(points.size());
+  }
+  for (const auto& p : points) {
+    const Eigen::Vector3d d = p.cast<double>() - middle;
+    together += d.dot(axis) * ((d - d.dot(axis) * axis).squaredNorm() - mean);
+  }
+  return together < 0 ? Eigen::Vector3d(-axis) : axis;
+}
+
+void lay_out_points(const std::vector<Eigen::Vector3f>& points, const std::optional<Eigen::Vector3d>& axis,
+                    RangeSurface& s) {
   Eigen::Vector3d middle = Eigen::Vector3d::Zero();
   for (const auto& p : points) middle += p.cast<double>() / static_cast<double>(points.size());
   Eigen::Matrix3d spread = Eigen::Matrix3d::Zero();
@@ -175,11 +216,14 @@ void lay_out_points(const std::vector<Eigen::Vector3f>& points, RangeSurface& s)
   for (const auto& p : points)
     central = central && p.cast<double>().dot(towards) > 0.64 * p.cast<double>().norm();
 
+  central = central && !axis;
   std::vector<View> views;
+  if (axis) views.push_back({false, looking_along(towards_the_outline(points, *axis))});
   if (central) views.push_back({true, looking_along(towards)});
   const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> axes(spread);
-  if (!central)
-    for (int k = 0; k < 3; ++k) views.push_back({false, looking_along(axes.eigenvectors().col(k))});
+  if (views.empty())
+    for (int k = 0; k < 3; ++k)
+      views.push_back({false, looking_along(towards_the_outline(points, axes.eigenvectors().col(k)))});
 
   const auto all_rays = [&](const View& view, size_t step) {
     const Pose grid_from_sensor = view.sensor_from_grid.inverse();
@@ -201,16 +245,6 @@ void lay_out_points(const std::vector<Eigen::Vector3f>& points, RangeSurface& s)
     }
   }
 
-  View chosen = *best;
-  if (!chosen.central) {
-    std::vector<Eigen::Vector3d> seen;
-    const Pose grid_from_sensor = chosen.sensor_from_grid.inverse();
-    for (size_t i = 0; i < points.size(); i += 1 + points.size() / 5000)
-      seen.push_back(grid_from_sensor * points[i].cast<double>());
-    if (!bulges_towards_viewer(seen))
-      chosen.sensor_from_grid.linear() *= Eigen::Vector3d(1, -1, -1).asDiagonal();
-  }
-  best = &chosen;
   s.sensor_from_grid = best->sensor_from_grid;
   s.sensor_known = best->central;
   s.rays.central = best->central;
@@ -300,7 +334,9 @@ void lay_out(const Scan& scan, const std::vector<unsigned char>& keep, RangeSurf
   std::vector<Eigen::Vector3f> points;
   for (size_t i = 0; i < keep.size(); ++i)
     if (keep[i]) points.push_back(scan.points[i]);
-  lay_out_points(points, surface);
+  std::optional<Eigen::Vector3d> axis;
+  if (scan.organised()) axis = viewing_axis(scan, keep);
+  lay_out_points(points, axis, surface);
 }
 
 }  // namespace gantry::internal

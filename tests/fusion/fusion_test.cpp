@@ -86,7 +86,7 @@ TEST_P(FusionMethod, PutsTheViewsTogether) {
   EXPECT_EQ(result.reason, "");
   EXPECT_EQ(result.advice, "");
   EXPECT_EQ(result.method, GetParam());
-  EXPECT_FALSE(result.normals_flipped);
+  EXPECT_EQ(result.sides_guessed, 0u);
   EXPECT_FALSE(result.registration.pairs.empty());
   EXPECT_FALSE(result.registration.parameters.empty());
   ASSERT_EQ(result.registration.scans.size(), 4u);

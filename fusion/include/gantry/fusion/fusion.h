@@ -59,8 +59,7 @@ struct FusionResult {
   PointCloud merged;              ///< Part frame, mm, with normals and sigma.
   MergeReport merge;              ///< What became of the measurements in it.
   OverlapResidual before, after;  ///< At the tagged and at the final poses.
-  /// No scan told where its sensor was, and the normals that were guessed pointed into the closed shape.
-  bool normals_flipped = false;
+  size_t sides_guessed = 0;    ///< Scans turned over because their data did not tell where the sensor stood.
   bool trusted = true;         ///< False: the result may be wrong, and `reason` says what speaks against it.
   std::string reason, advice;  ///< Why not trusted, and what to do about it.
   std::vector<std::pair<std::string, double>> timings_s;

@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -93,6 +94,13 @@ struct RangeSurface {
   }
   Pose part_from_grid() const { return part_from_sensor.mean * sensor_from_grid; }
 };
+
+/// The same surface seen from the other side: for scans of which it was not known where the sensor stood.
+void turn_over(RangeSurface& surface);
+
+/// Turns those scans over of which the sensor's side was guessed (sensor_known is false) and that, at their
+/// tagged poses, face the middle of the part that all scans make up. Returns how many.
+size_t settle_unknown_sides(std::span<RangeSurface> surfaces);
 
 /// The usable points in the `sensor` frame with normals and sigma; `rim` (optional) tells which lie on
 /// the border of the data.
