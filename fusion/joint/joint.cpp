@@ -20,8 +20,8 @@ namespace {
 
 using namespace internal;
 
-/// Beyond these a result is not believed. Right results show violations below 0.001 and wobbles below
-/// 0.08 mm, wrong ones above 0.02 or 0.25 mm (docs/results/registration.md).
+/// Beyond these a result is not believed. On simulated parts right results show violations below 0.001 and
+/// wobbles mostly below 0.08 mm, wrong ones violations above 0.01 or wobbles above 1 mm.
 constexpr double kWorstViolation = 0.01;
 constexpr double kWorstWobble_mm = 0.12;
 /// ... or this many standard deviations of the residuals, where sensor and model are worse than that.
