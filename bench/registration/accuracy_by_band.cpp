@@ -206,7 +206,7 @@ std::string accuracy_by_band(Bench& bench) {
   std::string out = text(
       "## Accuracy by initial error\nEight views a part; %zu draws of the initial poses in each band, dealt "
       "over %zu "
-      "choices of viewpoints. The scans of a part and a choice of viewpoints are rendered once, with one "
+      "choice(s) of viewpoints. The scans of a part and a choice of viewpoints are rendered once, with one "
       "draw of "
       "the noise, and serve all bands, draws and methods. The slower methods ran less: the paper's three, "
       "two draws in "

@@ -106,8 +106,7 @@ void run_sections(Bench& bench, const std::string& command) {
     // After every section, so that a run that is cut short leaves what it has.
     std::ofstream page(o.out / "registration.md");
     page << introduction(o, command) << body
-         << text("*In all %.1f minutes of CPU time, rendering included; other processes' work not.*\n",
-                 all.spent().cpu_s / 60);
+         << text("*In all %.1f minutes of CPU time, rendering included.*\n", all.spent().cpu_s / 60);
     page.flush();
     if (!page) throw InputError((o.out / "registration.md").string() + ": cannot be written");
     write_csv(o.out / "registration.csv", bench.records);
