@@ -82,11 +82,7 @@ TEST(Bunny, RealScansEndUpWhereTheyDidUnperturbed) {
   for (const double size : {2.0, 8.0}) {
     const FusionResult result = fuse(perturbed(scans, size, size * kDegree));
     EXPECT_GT(result.before.rms_mm, 2 * reference.after.rms_mm);
-    // What is believed is the same minimum; a start that leads elsewhere is UNDECIDED.
-    if (!result.trusted) {
-      EXPECT_NE(result.reason, "");
-      continue;
-    }
+    EXPECT_TRUE(result.trusted) << result.reason;
     EXPECT_LE(result.after.rms_mm, kBestKnown_mm) << "from " << size << " mm and deg";
     EXPECT_GT(result.after.matches, 0.95 * static_cast<double>(reference.after.matches));
     for (size_t i = 0; i < scans.size(); ++i) {
