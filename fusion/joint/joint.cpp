@@ -118,6 +118,7 @@ JointProblem make_problem(std::span<const RangeSurface> scans, const JointOption
     tilts.push_back(normal_variance_of(scans[i]));
   }
   place_centre(problem);
+  for (const RangeSurface& s : scans) problem.edges.emplace_back(s);
   problem.noise_mm = options.noise_mm > 0 ? options.noise_mm : median_of(noise);
   problem.spacing_mm = median_of(spacing);
   problem.normal_variance = median_of(tilts) / 2;  // the mean of two normals

@@ -16,6 +16,40 @@ constexpr double kTiltsTakenOut = 0.7;
 /// Pairs that agree in less than this fraction of what was tested share nothing worth matching.
 constexpr double kLeastOverlap = 0.002;
 
+/// An edge is not placed better than this by one of its pixels, in pitches ...
+constexpr double kEdgeSigma_px = 0.3;
+/// ... and so many of them in a row say the same, because they share a window (surface_edges.h).
+constexpr double kEdgePixelsAlike = 9;
+/// Broken and rounded edges differ by this, in pitches, with the side they are seen from.
+constexpr double kEdgeScatter_px = 3;
+/// Edges of a scan that take part while pixels are skipped.
+constexpr size_t kEdgeSamples = 400;
+
+EdgeGates edge_gates(const JointProblem& problem, const RangeSurface& source, const MatchGates& gates) {
+  EdgeGates edge;
+  edge.scale_mm = std::max(gates.scale_mm, kEdgeScatter_px * problem.spacing_mm);
+  edge.reach_mm = 2 * edge.scale_mm;
+  if (gates.stride > 1) edge.step = std::max<size_t>(1, source.edges.size() / kEdgeSamples);
+  return edge;
+}
+
+/// How much a match of edges counts against one of surfaces: as their residuals scatter, which tells sharp
+/// edges from broken ones.
+double weight_of_edges(const JointProblem& problem, const std::vector<PairSum>& surfaces,
+                       const std::vector<PairSum>& edges) {
+  const auto variance = [](const std::vector<PairSum>& sums, double least) {
+    double cost = 0, weight = 0;
+    for (const PairSum& s : sums) {
+      cost += s.cost;
+      weight += s.weight;
+    }
+    return std::max(weight > 0 ? cost / weight : 0.0, least * least);
+  };
+  const double of_surfaces = variance(surfaces, 0.1 * problem.noise_mm),
+               of_edges = variance(edges, std::max(problem.noise_mm, kEdgeSigma_px * problem.spacing_mm));
+  return of_surfaces / (of_edges * kEdgePixelsAlike);
+}
+
 size_t find_root(std::vector<size_t>& parent, size_t i) {
   while (parent[i] != i) i = parent[i] = parent[parent[i]];
   return i;
@@ -64,11 +98,17 @@ Pairs pairs_with_overlap(const JointProblem& problem, const Poses& poses, double
 std::vector<PairSum> match_all(const JointProblem& problem, const Pairs& pairs, const Poses& poses,
                                const MatchGates& gates, std::vector<std::vector<BlockSum>>* blocks,
                                std::vector<ActiveBlocks>* active) {
+  constexpr int kEdges = -1;  // instead of a first row
   struct Task {
     size_t slot, target, source;
     int first, last;
   };
   std::vector<Task> tasks;
+  for (size_t slot = 0; slot < 2 * pairs.size(); ++slot) {
+    const auto& [a, b] = pairs[slot / 2];
+    const size_t target = slot % 2 == 0 ? a : b, source = slot % 2 == 0 ? b : a;
+    tasks.push_back({slot, target, source, kEdges, kEdges});
+  }
   const int band = std::max(kBandRows, 32 * gates.stride);
   for (size_t k = 0; k < pairs.size(); ++k) {
     const auto& [a, b] = pairs[k];
@@ -84,6 +124,7 @@ std::vector<PairSum> match_all(const JointProblem& problem, const Pairs& pairs, 
   if (fill) {
     active->resize(2 * pairs.size());
     for (const Task& task : tasks) {
+      if (task.first == kEdges) continue;
       const RangeSurface& s = problem.scans[task.source];
       (*active)[task.slot].active.assign(
           static_cast<size_t>(ActiveBlocks::across(s.width)) * ActiveBlocks::across(s.height), 0);
@@ -93,19 +134,44 @@ std::vector<PairSum> match_all(const JointProblem& problem, const Pairs& pairs, 
   std::vector<std::vector<BlockSum>> gradients(blocks ? tasks.size() : 0);
   tbb::parallel_for(size_t{0}, tasks.size(), [&](size_t t) {
     const Task& task = tasks[t];
+    if (task.first == kEdges) {
+      partial[t] = match_edges(
+          problem.scans[task.target], problem.edges[task.target], problem.scans[task.source],
+          poses[task.target].inverse() * poses[task.source], poses[task.target], problem.centre,
+          edge_gates(problem, problem.scans[task.source], gates), blocks ? &gradients[t] : nullptr);
+      return;
+    }
     partial[t] =
         match_by_projection(problem.scans[task.target], problem.scans[task.source],
                             poses[task.target].inverse() * poses[task.source], poses[task.target],
                             problem.centre, gates, task.first, task.last, blocks ? &gradients[t] : nullptr,
                             use ? &(*active)[task.slot] : nullptr, fill ? &(*active)[task.slot] : nullptr);
   });
-  std::vector<PairSum> sums(2 * pairs.size());
-  if (blocks) blocks->assign(sums.size(), {});
-  for (size_t t = 0; t < tasks.size(); ++t) {
-    sums[tasks[t].slot] += partial[t];
-    if (blocks) {
+  std::vector<PairSum> sums(2 * pairs.size()), edges(2 * pairs.size());
+  for (size_t t = 0; t < tasks.size(); ++t)
+    (tasks[t].first == kEdges ? edges : sums)[tasks[t].slot] += partial[t];
+  const double weight_of_edge = weight_of_edges(problem, sums, edges);
+  // What was skipped, of edges and of pixels, must not change how much they count against each other.
+  const auto edge_factor = [&](size_t slot) {
+    const auto& [a, b] = pairs[slot / 2];
+    const size_t step = edge_gates(problem, problem.scans[slot % 2 == 0 ? b : a], gates).step;
+    return weight_of_edge * static_cast<double>(step) / (gates.stride * gates.stride);
+  };
+  for (size_t slot = 0; slot < sums.size(); ++slot) {
+    sums[slot].hessian += edge_factor(slot) * edges[slot].hessian;
+    sums[slot].gradient += edge_factor(slot) * edges[slot].gradient;
+  }
+  if (blocks) {
+    blocks->assign(sums.size(), {});
+    for (size_t t = 0; t < tasks.size(); ++t) {
       auto& into = (*blocks)[tasks[t].slot];
-      into.insert(into.end(), gradients[t].begin(), gradients[t].end());
+      for (BlockSum block : gradients[t]) {
+        if (tasks[t].first == kEdges) {
+          block.gradient *= static_cast<float>(edge_factor(tasks[t].slot));
+          block.hessian *= static_cast<float>(edge_factor(tasks[t].slot));
+        }
+        into.push_back(block);
+      }
     }
   }
   return sums;

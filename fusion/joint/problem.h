@@ -6,6 +6,7 @@
 
 #include "gantry/fusion/range_surface.h"
 #include "joint/coarse.h"
+#include "joint/edge_matches.h"
 #include "joint/matches.h"
 #include "joint/normal_equations.h"
 
@@ -18,6 +19,7 @@ struct JointProblem {
   std::vector<CoarseLevel> coarse_levels, medium_levels;
   double coarse_mm = 0, medium_mm = 0;
   CoarseScans coarse, medium;
+  std::vector<EdgeIndex> edges;
   std::vector<PosePrior> priors;
   Eigen::Vector3d centre = Eigen::Vector3d::Zero();  ///< Of the part: errors are twists about it.
   double radius_mm = 1;                              ///< Of the part about its centre.
@@ -39,10 +41,11 @@ using Pairs = std::vector<std::pair<size_t, size_t>>;  ///< Unordered pairs, fir
 /// connect what can be connected.
 Pairs pairs_with_overlap(const JointProblem& problem, const Poses& poses, double tolerance_mm);
 
-/// One round of matching over `pairs`, both ways: sums for (target, source) of pairs[k] at 2k, the other
-/// way round at 2k + 1.
-/// `blocks` (optional): the sums block by block for each. `active` (optional, strides up to 4): filled
-/// when empty, used when not.
+/// One round of matching over `pairs`, surfaces and edges, both ways: sums for (target, source) of pairs[k]
+/// at 2k, the other way round at 2k + 1. Edges count as much as their scatter allows: in a part that surfaces
+/// hold in all directions they hardly matter, on a plate they are what keeps it from sliding. The sums'
+/// weights and costs are those of surfaces alone. `blocks` (optional): the sums block by block for each.
+/// `active` (optional, strides up to 4): filled when empty, used when not.
 std::vector<PairSum> match_all(const JointProblem& problem, const Pairs& pairs, const Poses& poses,
                                const MatchGates& gates, std::vector<std::vector<BlockSum>>* blocks = nullptr,
                                std::vector<ActiveBlocks>* active = nullptr);

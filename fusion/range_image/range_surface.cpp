@@ -10,6 +10,7 @@
 #include "range_image/ray_model.h"
 #include "range_image/regrid.h"
 #include "range_image/simd.h"
+#include "range_image/surface_edges.h"
 
 namespace gantry {
 namespace {
@@ -232,10 +233,11 @@ RangeSurface make_range_surface(const TaggedScan& tagged, const PreprocessOption
         " outside the part's volume) and filtering; at least " + std::to_string(kMinPoints) + " are needed");
   };
   if (s.measured - s.dropped_crop < kMinPoints) throw too_few(s.measured - s.dropped_crop);
-  internal::lay_out(scan, keep, s);
+  const bool own_grid = internal::lay_out(scan, keep, s);
 
   const Pitch pitch = pitch_of(s);
   const float sigma_w = noise_of_w(s);
+  const std::vector<float> before = s.w;
   s.dropped_edges = drop_steps(s, pitch, sigma_w, options.edge_margin_px);
   std::vector<float> depths;
   for (size_t i = 0; i < s.w.size(); i += 7)
@@ -253,6 +255,8 @@ RangeSurface make_range_surface(const TaggedScan& tagged, const PreprocessOption
   s.noise_scale = s.rays.central ? s.noise_mm / (depth * depth) : s.noise_mm;
   for (const unsigned char flag : s.flags) s.usable += (flag & RangeSurface::kUsable) != 0;
   if (s.usable < kMinPoints) throw too_few(s.usable);
+  // In a grid of our own nothing is left of cropped points, and where they begin is no edge.
+  if (own_grid || s.dropped_crop == 0) s.edges = internal::find_edges(s, before, sigma_w, pitch.per_ray);
   return s;
 }
 
@@ -270,6 +274,11 @@ void turn_over(RangeSurface& s) {
     s.w[i] = most + 1 - s.w[i];
     const Eigen::Vector3f n = unpack_normal(s.normals[i]);
     s.normals[i] = pack_normal(-Eigen::Vector3f(n.x(), -n.y(), -n.z()));
+  }
+  for (SurfaceEdge& edge : s.edges) {
+    edge.point = Eigen::Vector3f(edge.point.x(), -edge.point.y(), most + 1 - edge.point.z());
+    edge.normal = -Eigen::Vector3f(edge.normal.x(), -edge.normal.y(), -edge.normal.z());
+    edge.outwards = Eigen::Vector3f(edge.outwards.x(), -edge.outwards.y(), -edge.outwards.z());
   }
 }
 

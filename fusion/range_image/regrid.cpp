@@ -37,6 +37,9 @@ struct Rectangle {
   }
 };
 
+/// So many pixels around the data are kept, where the image goes on: it matters that they are empty.
+constexpr int kRing = 5;
+
 bool lay_out_grid(const Scan& scan, const std::vector<unsigned char>& keep, RangeSurface& s) {
   std::vector<Rectangle> rows(static_cast<size_t>(scan.height));
   tbb::parallel_for(0, scan.height, [&](int row) {
@@ -55,6 +58,10 @@ bool lay_out_grid(const Scan& scan, const std::vector<unsigned char>& keep, Rang
   Rectangle box;
   for (const Rectangle& row : rows) box.add(row);
   const size_t kept = box.count;
+  box.left = std::max(0, box.left - kRing);
+  box.top = std::max(0, box.top - kRing);
+  box.right = std::min(scan.width - 1, box.right + kRing);
+  box.bottom = std::min(scan.height - 1, box.bottom + kRing);
   std::vector<PixelSample> samples;
   const size_t step = std::max<size_t>(1, kept / 1500);
   size_t seen = 0;
@@ -258,8 +265,10 @@ void lay_out_points(const std::vector<Eigen::Vector3f>& points, const std::optio
     max_v = std::max(max_v, r.v);
     min_w = std::min(min_w, r.w);
   }
-  s.width = static_cast<int>((max_u - min_u) / cell) + 1;
-  s.height = static_cast<int>((max_v - min_v) / cell) + 1;
+  min_u -= kRing * cell;
+  min_v -= kRing * cell;
+  s.width = static_cast<int>((max_u - min_u) / cell) + 1 + kRing;
+  s.height = static_cast<int>((max_v - min_v) / cell) + 1 + kRing;
   // Pixel (0, 0) is centred half a cell inside the rectangle.
   const double u0 = min_u + 0.5 * cell, v0 = min_v + 0.5 * cell;
   s.rays.ray_of_pixel.setZero();
@@ -329,14 +338,15 @@ void lay_out_points(const std::vector<Eigen::Vector3f>& points, const std::optio
 
 }  // namespace
 
-void lay_out(const Scan& scan, const std::vector<unsigned char>& keep, RangeSurface& surface) {
-  if (scan.organised() && lay_out_grid(scan, keep, surface)) return;
+bool lay_out(const Scan& scan, const std::vector<unsigned char>& keep, RangeSurface& surface) {
+  if (scan.organised() && lay_out_grid(scan, keep, surface)) return true;
   std::vector<Eigen::Vector3f> points;
   for (size_t i = 0; i < keep.size(); ++i)
     if (keep[i]) points.push_back(scan.points[i]);
   std::optional<Eigen::Vector3d> axis;
   if (scan.organised()) axis = viewing_axis(scan, keep);
   lay_out_points(points, axis, surface);
+  return false;
 }
 
 }  // namespace gantry::internal

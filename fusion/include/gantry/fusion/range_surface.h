@@ -54,6 +54,15 @@ inline Eigen::Vector3f unpack_normal(PackedNormal packed) {
   return n / std::sqrt(n.squaredNorm());
 }
 
+/// A place where a scan's surface ends though it was in full view: at the rim of a hole, at the border of a
+/// plate. Wherever it is seen from, it ends there, so two scans that share it cannot slide across it. In
+/// the grid frame.
+struct SurfaceEdge {
+  Eigen::Vector3f point;     ///< Where the surface ends.
+  Eigen::Vector3f normal;    ///< Of the surface, towards the sensor.
+  Eigen::Vector3f outwards;  ///< Unit vector in the surface, across the edge, away from the material.
+};
+
 /// One scan made ready for registration: the surface that the sensor saw, as a range image with normals.
 /// It is what every stage works on, and all that is kept of a scan: 9 bytes a pixel of the rectangle
 /// that holds data. Scans without a grid are given one.
@@ -67,6 +76,7 @@ struct RangeSurface {
   std::vector<float> w;               ///< Depth coordinate, row by row; 0: nothing known here.
   std::vector<PackedNormal> normals;  ///< In the grid frame, towards the sensor.
   std::vector<unsigned char> flags;
+  std::vector<SurfaceEdge> edges;
 
   static constexpr unsigned char kUsable =
       1;                                     ///< Passed all filters and has a normal; all others have w = 0.
