@@ -7,7 +7,7 @@ namespace gantry::internal {
 namespace {
 
 constexpr float kSameNormal = 0.866f, kSameDirection = 0.9f;  // 30 and 25 degrees
-/// By how much (rad^2) pixels tilt the direction across an edge, the mean of two; see MatchGates.
+/// By how much (rad^2) pixels tilt the direction across an edge, the mean of two; see PairSum::tilts.
 constexpr double kTiltVariance = 0.5 * 0.05 * 0.05;
 
 }  // namespace
@@ -45,7 +45,7 @@ PairSum match_edges(const RangeSurface& target, const EdgeIndex& target_edges, c
     sum += block;
     if (blocks)
       blocks->push_back({(place / static_cast<double>(in_block)).cast<float>(), block.gradient.cast<float>(),
-                         block.hessian.cast<float>()});
+                         (block.hessian - block.tilts).cast<float>()});
     block = {};
     place.setZero();
     in_block = 0;
@@ -74,12 +74,11 @@ PairSum match_edges(const RangeSurface& target, const EdgeIndex& target_edges, c
     const double weight = loss * loss;
     block.add(arm, direction, residual, weight);
     block.cost += loss * residual * residual;
-    // Takes out what tilted directions pretend to hold; see MatchGates::normal_variance.
     Eigen::Matrix<double, 6, 3> all;
     all << cross_matrix(arm), Eigen::Matrix3d::Identity();
     Vector6d a;
     a << arm.cross(direction), direction;
-    block.hessian -= kTiltVariance * weight * (all * all.transpose() - a * a.transpose());
+    block.tilts += kTiltVariance * weight * (all * all.transpose() - a * a.transpose());
     place += at;
     if (++in_block == kBlock) close_block();
   }

@@ -358,7 +358,7 @@ Registration register_joint(std::span<const RangeSurface> scans, const JointOpti
   gates.scale_mm = std::max(3 * 1.4142 * problem.noise_mm, 3 * best->sigma_mm);
   gates.reach_mm = 3 * gates.scale_mm;
   gates.max_angle_rad = 0.35;
-  gates.normal_variance = 0.7 * problem.normal_variance;
+  gates.normal_variance = problem.normal_variance;
   std::vector<PairSum> sums;
   std::vector<std::vector<BlockSum>> blocks;
   if (!pairs.empty()) {

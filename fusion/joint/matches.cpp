@@ -9,16 +9,16 @@ namespace {
 /// Nothing measured within this many pixels: the target saw through here.
 constexpr int kEmptyPixels = 6;
 
-/// Takes out of a Hessian what tilted normals add to it: with n' = n + e, e across n with variance s^2,
+/// What tilted normals add to a Hessian: with n' = n + e, e across n with variance s^2,
 /// E[a' a'^T] = a a^T + s^2 (A A^T - a a^T), where a = A n and A = [[arm]x; I].
-Matrix6d without_tilts(const Matrix6d& hessian, double weight, const Eigen::Vector3d& arms,
-                       const Eigen::Matrix3d& squares, double variance) {
+Matrix6d tilts_of(const Matrix6d& hessian, double weight, const Eigen::Vector3d& arms,
+                  const Eigen::Matrix3d& squares, double variance) {
   Matrix6d all = Matrix6d::Zero();  // sum w A A^T
   all.topLeftCorner<3, 3>() = squares.trace() * Eigen::Matrix3d::Identity() - squares;
   all.topRightCorner<3, 3>() = cross_matrix(arms);
   all.bottomLeftCorner<3, 3>() = cross_matrix(arms).transpose();
   all.bottomRightCorner<3, 3>() = weight * Eigen::Matrix3d::Identity();
-  return hessian - variance * (all - hessian);
+  return variance * (all - hessian);
 }
 
 MatchKernel make_kernel(const RangeSurface& target, const RangeSurface& source,
@@ -131,8 +131,9 @@ void add_block(const MatchKernel::Sums& block, PairSum& sum, Eigen::Vector3d& ar
 void turn_into_part(PairSum& sum, const Eigen::Vector3d& arms, const Eigen::Matrix3d& squares,
                     double normal_variance, const Matrix6d& part_from_target) {
   const Matrix6d full = sum.hessian.selfadjointView<Eigen::Upper>();
-  sum.hessian = part_from_target * without_tilts(full, sum.weight, arms, squares, normal_variance) *
-                part_from_target.transpose();
+  sum.hessian = part_from_target * full * part_from_target.transpose();
+  sum.tilts = part_from_target * tilts_of(full, sum.weight, arms, squares, normal_variance) *
+              part_from_target.transpose();
   sum.gradient = part_from_target * sum.gradient;
 }
 
@@ -182,6 +183,7 @@ PairSum match_by_projection(const RangeSurface& target, const RangeSurface& sour
         turn_into_part(alone, its_arms, its_squares, gates.normal_variance, turn);
         const Eigen::Vector3d place =
             Eigen::Vector3d(block.place[0], block.place[1], block.place[2]) / block.matches + middle;
+        alone.hessian -= alone.tilts;
         blocks->push_back({(part_from_target * place).cast<float>(), alone.gradient.cast<float>(),
                            alone.hessian.cast<float>()});
       }

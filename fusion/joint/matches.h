@@ -12,8 +12,8 @@ struct MatchGates {
   double reach_mm = 3;  ///< Residuals beyond are no matches.
   double max_angle_rad = 0.5236;
   int stride = 4;  ///< Every stride-th row and column of the source takes part.
-  /// Variance (rad^2) by which noise tilts the normals of matches, about each axis across them. What the
-  /// tilts alone pretend to know about sliding is taken out of the Hessian.
+  /// Variance (rad^2) by which noise tilts the normals of matches, about each axis across them; see
+  /// PairSum::tilts.
   double normal_variance = 0;
 };
 

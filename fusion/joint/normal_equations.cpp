@@ -1,16 +1,49 @@
 #include "joint/normal_equations.h"
 
 #include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
 
 namespace gantry::internal {
+namespace {
+
+/// A direction of which so much is pretence is not believed at all: the variance of the tilts is an estimate.
+constexpr double kMostPretence = 0.67;
+
+}  // namespace
+
 
 PairSum& PairSum::operator+=(const PairSum& o) {
   hessian += o.hessian;
+  tilts += o.tilts;
   gradient += o.gradient;
   weight += o.weight;
   cost += o.cost;
   matches += o.matches;
   return *this;
+}
+
+Matrix6d PairSum::take_out_tilts() {
+  // In coordinates in which the whole Hessian is one, eigenvectors of the tilts are directions and their
+  // eigenvalues how much of what is known of each is pretence.
+  const Vector6d scale = hessian.diagonal().cwiseMax(1e-300).cwiseSqrt();
+  const Matrix6d scaled = scale.cwiseInverse().asDiagonal() * hessian * scale.cwiseInverse().asDiagonal();
+  const Eigen::LLT<Matrix6d> root((scaled + 1e-9 * Matrix6d::Identity()).eval());
+  const Matrix6d relative =
+      root.matrixL().solve((scale.cwiseInverse().asDiagonal() * tilts * scale.cwiseInverse().asDiagonal())
+                               .eval());
+  const Matrix6d pretended = root.matrixL().solve(relative.transpose().eval());
+  const Eigen::SelfAdjointEigenSolver<Matrix6d> solver(0.5 * (pretended + pretended.transpose()));
+  const Vector6d pretence = solver.eigenvalues().cwiseMax(0).cwiseMin(1);
+  const Vector6d kept = (1 - pretence.array() / kMostPretence).cwiseMax(0);
+  const Matrix6d axes = scale.asDiagonal() * root.matrixL().toDenseMatrix() * solver.eigenvectors();
+  const Matrix6d to_axes =
+      solver.eigenvectors().transpose() *
+      root.matrixL().solve(Matrix6d(scale.cwiseInverse().asDiagonal()));
+  const Matrix6d factor = axes * kept.asDiagonal() * to_axes;
+  const Vector6d held = kept.cwiseProduct(Vector6d::Ones() - pretence);
+  hessian = axes * held.asDiagonal() * axes.transpose();
+  gradient = factor * gradient;
+  return factor;
 }
 
 void NormalEquations::add_pair(size_t target, size_t source, const PairSum& sum, double factor) {

@@ -13,6 +13,7 @@ namespace gantry::internal {
 /// Errors are twists in the part frame about a common centre: pose = shifted_exp(error) * pose.
 struct PairSum {
   Matrix6d hessian = Matrix6d::Zero();   ///< sum w a a^T
+  Matrix6d tilts = Matrix6d::Zero();     ///< The part of it that noise in the normals pretends.
   Vector6d gradient = Vector6d::Zero();  ///< sum w a r
   double weight = 0;                     ///< sum w
   double cost = 0;                       ///< sum of robust costs
@@ -27,6 +28,10 @@ struct PairSum {
     ++matches;
   }
   PairSum& operator+=(const PairSum& o);
+
+  /// Takes out what the noise in normals adds: what it pretends to hold, and the pull in directions in
+  /// which it is all there is, which would let surfaces wander. Returns the factor of the gradient.
+  Matrix6d take_out_tilts();
 };
 
 /// The normal equations of all poses together.

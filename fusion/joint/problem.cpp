@@ -10,9 +10,6 @@ namespace gantry::internal {
 namespace {
 
 constexpr int kBandRows = 128;
-/// Of the information that tilted normals pretend to hold; a little is left, so that the Hessian stays
-/// positive in directions that nothing holds.
-constexpr double kTiltsTakenOut = 0.7;
 /// Pairs that agree in less than this fraction of what was tested share nothing worth matching.
 constexpr double kLeastOverlap = 0.002;
 
@@ -157,7 +154,10 @@ std::vector<PairSum> match_all(const JointProblem& problem, const Pairs& pairs, 
     const size_t step = edge_gates(problem, problem.scans[slot % 2 == 0 ? b : a], gates).step;
     return weight_of_edge * static_cast<double>(step) / (gates.stride * gates.stride);
   };
+  std::vector<Matrix6d> factors(sums.size());
   for (size_t slot = 0; slot < sums.size(); ++slot) {
+    factors[slot] = sums[slot].take_out_tilts();
+    edges[slot].take_out_tilts();
     sums[slot].hessian += edge_factor(slot) * edges[slot].hessian;
     sums[slot].gradient += edge_factor(slot) * edges[slot].gradient;
   }
@@ -169,6 +169,11 @@ std::vector<PairSum> match_all(const JointProblem& problem, const Pairs& pairs, 
         if (tasks[t].first == kEdges) {
           block.gradient *= static_cast<float>(edge_factor(tasks[t].slot));
           block.hessian *= static_cast<float>(edge_factor(tasks[t].slot));
+        } else {
+          const Eigen::Matrix<float, 6, 6> factor = factors[tasks[t].slot].cast<float>();
+          const Eigen::Matrix<float, 6, 6> hessian = factor * block.hessian;
+          block.gradient = factor * block.gradient;
+          block.hessian = 0.5f * (hessian + hessian.transpose());
         }
         into.push_back(block);
       }
@@ -221,7 +226,7 @@ FineResult align_fine(const JointProblem& problem, const Pairs& pairs, double st
   gates.stride =
       std::max(1, static_cast<int>(std::lround(std::sqrt(static_cast<double>(usable) /
                                                          static_cast<double>(problem.size() * samples)))));
-  gates.normal_variance = kTiltsTakenOut * problem.normal_variance;
+  gates.normal_variance = problem.normal_variance;
   FineResult result;
   double scale = start_mm;
   const double least = 3 * 1.4142 * problem.noise_mm;
