@@ -233,7 +233,7 @@ void coarse_stages(const JointProblem& problem, double start_mm, double shrink, 
 /// From roughly right poses to a judged result.
 void refine_and_judge(const JointProblem& problem, double start_mm, Attempt& attempt) {
   Pairs pairs = pairs_with_overlap(problem, attempt.poses, std::max(1.5 * start_mm, 6 * problem.noise_mm));
-  attempt.sigma_mm = align_fine(problem, pairs, start_mm, kFineSamples, 30, attempt.poses).sigma_mm;
+  attempt.sigma_mm = align_fine(problem, pairs, {start_mm, kFineSamples, 30}, attempt.poses).sigma_mm;
   attempt.evidence = gather_evidence(problem, attempt.poses, attempt.sigma_mm);
   attempt.wobble_mm = wobble_mm(problem, attempt.evidence.pairs, attempt.poses, &attempt.weakest);
   attempt.objection = objection_to(problem, attempt);
@@ -352,7 +352,7 @@ Registration register_joint(std::span<const RangeSurface> scans, const JointOpti
   // The last rounds, on all pixels.
   const Pairs& pairs = best->evidence.pairs;
   std::vector<ActiveBlocks> active;
-  align_fine(problem, pairs, 3 * best->sigma_mm, kPolishSamples, 4, best->poses, &active);
+  align_fine(problem, pairs, {3 * best->sigma_mm, kPolishSamples, 4}, best->poses, &active);
   MatchGates gates;
   gates.stride = 1;
   gates.scale_mm = std::max(3 * 1.4142 * problem.noise_mm, 3 * best->sigma_mm);

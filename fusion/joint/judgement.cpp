@@ -70,8 +70,10 @@ double wobble_mm(const JointProblem& problem, const Pairs& pairs, const Poses& p
                  Eigen::VectorXd* weakest) {
   if (problem.size() < 2) return 0;
   Poses settled = poses;
-  align_fine(problem, pairs, 3 * problem.noise_mm, kWobbleSamples, 6, settled);
+  const double edge_sigma_mm =
+      align_fine(problem, pairs, {3 * problem.noise_mm, kWobbleSamples, 6}, settled).edge_sigma_mm;
   MatchGates gates;
+  gates.edge_sigma_mm = edge_sigma_mm;
   gates.scale_mm = 4 * problem.noise_mm;
   gates.reach_mm = 3 * gates.scale_mm;
   gates.stride = std::max(1, static_cast<int>(std::sqrt(static_cast<double>(problem.scans[0].usable) /
@@ -98,7 +100,7 @@ double wobble_mm(const JointProblem& problem, const Pairs& pairs, const Poses& p
     push *= kPush_mm / length;
     Poses pushed = settled;
     apply_step(problem, push, pushed);
-    align_fine(problem, pairs, kPush_mm, kWobbleSamples, 14, pushed);
+    align_fine(problem, pairs, {kPush_mm, kWobbleSamples, 14, edge_sigma_mm}, pushed);
     const double left = difference_mm(problem, settled, pushed);
     if (left > worst) {
       worst = left;

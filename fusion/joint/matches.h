@@ -15,6 +15,8 @@ struct MatchGates {
   /// Variance (rad^2) by which noise tilts the normals of matches, about each axis across them; see
   /// PairSum::tilts.
   double normal_variance = 0;
+  /// Scatter of edges; 0: as these matches show, which overstates it before all are in place.
+  double edge_sigma_mm = 0;
 };
 
 /// What a small block of the source contributed, part frame: pixels so near to each other may share errors,

@@ -11,7 +11,6 @@ constexpr double kMostPretence = 0.67;
 
 }  // namespace
 
-
 PairSum& PairSum::operator+=(const PairSum& o) {
   hessian += o.hessian;
   tilts += o.tilts;
@@ -28,17 +27,15 @@ Matrix6d PairSum::take_out_tilts() {
   const Vector6d scale = hessian.diagonal().cwiseMax(1e-300).cwiseSqrt();
   const Matrix6d scaled = scale.cwiseInverse().asDiagonal() * hessian * scale.cwiseInverse().asDiagonal();
   const Eigen::LLT<Matrix6d> root((scaled + 1e-9 * Matrix6d::Identity()).eval());
-  const Matrix6d relative =
-      root.matrixL().solve((scale.cwiseInverse().asDiagonal() * tilts * scale.cwiseInverse().asDiagonal())
-                               .eval());
+  const Matrix6d relative = root.matrixL().solve(
+      (scale.cwiseInverse().asDiagonal() * tilts * scale.cwiseInverse().asDiagonal()).eval());
   const Matrix6d pretended = root.matrixL().solve(relative.transpose().eval());
   const Eigen::SelfAdjointEigenSolver<Matrix6d> solver(0.5 * (pretended + pretended.transpose()));
   const Vector6d pretence = solver.eigenvalues().cwiseMax(0).cwiseMin(1);
   const Vector6d kept = (1 - pretence.array() / kMostPretence).cwiseMax(0);
   const Matrix6d axes = scale.asDiagonal() * root.matrixL().toDenseMatrix() * solver.eigenvectors();
   const Matrix6d to_axes =
-      solver.eigenvectors().transpose() *
-      root.matrixL().solve(Matrix6d(scale.cwiseInverse().asDiagonal()));
+      solver.eigenvectors().transpose() * root.matrixL().solve(Matrix6d(scale.cwiseInverse().asDiagonal()));
   const Matrix6d factor = axes * kept.asDiagonal() * to_axes;
   const Vector6d held = kept.cwiseProduct(Vector6d::Ones() - pretence);
   hessian = axes * held.asDiagonal() * axes.transpose();

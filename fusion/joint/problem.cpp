@@ -15,6 +15,8 @@ constexpr double kLeastOverlap = 0.002;
 
 /// An edge is not placed better than this by one of its pixels, in pitches ...
 constexpr double kEdgeSigma_px = 0.3;
+/// ... until it is known how well, this is supposed ...
+constexpr double kEdgeSigmaAtFirst_px = 1;
 /// ... and so many of them in a row say the same, because they share a window (surface_edges.h).
 constexpr double kEdgePixelsAlike = 9;
 /// Broken and rounded edges differ by this, in pitches, with the side they are seen from.
@@ -30,21 +32,13 @@ EdgeGates edge_gates(const JointProblem& problem, const RangeSurface& source, co
   return edge;
 }
 
-/// How much a match of edges counts against one of surfaces: as their residuals scatter, which tells sharp
-/// edges from broken ones.
-double weight_of_edges(const JointProblem& problem, const std::vector<PairSum>& surfaces,
-                       const std::vector<PairSum>& edges) {
-  const auto variance = [](const std::vector<PairSum>& sums, double least) {
-    double cost = 0, weight = 0;
-    for (const PairSum& s : sums) {
-      cost += s.cost;
-      weight += s.weight;
-    }
-    return std::max(weight > 0 ? cost / weight : 0.0, least * least);
-  };
-  const double of_surfaces = variance(surfaces, 0.1 * problem.noise_mm),
-               of_edges = variance(edges, std::max(problem.noise_mm, kEdgeSigma_px * problem.spacing_mm));
-  return of_surfaces / (of_edges * kEdgePixelsAlike);
+double variance_of(const std::vector<PairSum>& sums) {
+  double cost = 0, weight = 0;
+  for (const PairSum& s : sums) {
+    cost += s.cost;
+    weight += s.weight;
+  }
+  return weight > 0 ? cost / weight : 0;
 }
 
 size_t find_root(std::vector<size_t>& parent, size_t i) {
@@ -94,7 +88,7 @@ Pairs pairs_with_overlap(const JointProblem& problem, const Poses& poses, double
 
 std::vector<PairSum> match_all(const JointProblem& problem, const Pairs& pairs, const Poses& poses,
                                const MatchGates& gates, std::vector<std::vector<BlockSum>>* blocks,
-                               std::vector<ActiveBlocks>* active) {
+                               std::vector<ActiveBlocks>* active, double* edge_sigma_mm) {
   constexpr int kEdges = -1;  // instead of a first row
   struct Task {
     size_t slot, target, source;
@@ -147,7 +141,14 @@ std::vector<PairSum> match_all(const JointProblem& problem, const Pairs& pairs, 
   std::vector<PairSum> sums(2 * pairs.size()), edges(2 * pairs.size());
   for (size_t t = 0; t < tasks.size(); ++t)
     (tasks[t].first == kEdges ? edges : sums)[tasks[t].slot] += partial[t];
-  const double weight_of_edge = weight_of_edges(problem, sums, edges);
+  const double edge_sigma =
+      gates.edge_sigma_mm > 0
+          ? gates.edge_sigma_mm
+          : std::max({std::sqrt(variance_of(edges)), problem.noise_mm, kEdgeSigma_px * problem.spacing_mm});
+  if (edge_sigma_mm) *edge_sigma_mm = edge_sigma;
+  // They count as their scatter allows, which tells sharp edges from broken ones.
+  const double weight_of_edge = std::max(variance_of(sums), std::pow(0.1 * problem.noise_mm, 2)) /
+                                (edge_sigma * edge_sigma * kEdgePixelsAlike);
   // What was skipped, of edges and of pixels, must not change how much they count against each other.
   const auto edge_factor = [&](size_t slot) {
     const auto& [a, b] = pairs[slot / 2];
@@ -217,26 +218,29 @@ double difference_mm(const JointProblem& problem, const Poses& a, const Poses& b
   return largest;
 }
 
-FineResult align_fine(const JointProblem& problem, const Pairs& pairs, double start_mm, size_t samples,
-                      int max_rounds, Poses& poses, std::vector<ActiveBlocks>* active) {
+FineResult align_fine(const JointProblem& problem, const Pairs& pairs, const FineOptions& options,
+                      Poses& poses, std::vector<ActiveBlocks>* active) {
   constexpr double kShrink = 0.5;
   size_t usable = 0;
   for (const RangeSurface& s : problem.scans) usable += s.usable;
   MatchGates gates;
   gates.stride =
-      std::max(1, static_cast<int>(std::lround(std::sqrt(static_cast<double>(usable) /
-                                                         static_cast<double>(problem.size() * samples)))));
+      std::max(1, static_cast<int>(std::lround(std::sqrt(
+                      static_cast<double>(usable) / static_cast<double>(problem.size() * options.samples)))));
   gates.normal_variance = problem.normal_variance;
   FineResult result;
-  double scale = start_mm;
+  double scale = options.start_mm;
   const double least = 3 * 1.4142 * problem.noise_mm;
   result.sigma_mm = problem.noise_mm;
   bool at_end = false;
-  for (result.rounds = 0; result.rounds < max_rounds; ++result.rounds) {
+  for (result.rounds = 0; result.rounds < options.max_rounds; ++result.rounds) {
     gates.scale_mm = scale;
     gates.reach_mm = 3 * scale;
     gates.max_angle_rad = at_end ? 0.35 : 0.5236;
-    const std::vector<PairSum> sums = match_all(problem, pairs, poses, gates, nullptr, active);
+    gates.edge_sigma_mm = options.edge_sigma_mm > 0 || at_end ? options.edge_sigma_mm
+                                                              : kEdgeSigmaAtFirst_px * problem.spacing_mm;
+    const std::vector<PairSum> sums =
+        match_all(problem, pairs, poses, gates, nullptr, active, &result.edge_sigma_mm);
     double cost = 0, weight = 0;
     for (const PairSum& s : sums) {
       cost += s.cost;

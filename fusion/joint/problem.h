@@ -48,7 +48,7 @@ Pairs pairs_with_overlap(const JointProblem& problem, const Poses& poses, double
 /// `active` (optional, strides up to 4): filled when empty, used when not.
 std::vector<PairSum> match_all(const JointProblem& problem, const Pairs& pairs, const Poses& poses,
                                const MatchGates& gates, std::vector<std::vector<BlockSum>>* blocks = nullptr,
-                               std::vector<ActiveBlocks>* active = nullptr);
+                               std::vector<ActiveBlocks>* active = nullptr, double* edge_sigma_mm = nullptr);
 
 NormalEquations equations_of(const JointProblem& problem, const Pairs& pairs, const Poses& poses,
                              const std::vector<PairSum>& sums, double sigma_mm);
@@ -59,15 +59,23 @@ double apply_step(const JointProblem& problem, const Eigen::VectorXd& step, Pose
 /// How far two sets of poses put the scans apart, at the part's radius, once scan 0 lies at the same place.
 double difference_mm(const JointProblem& problem, const Poses& a, const Poses& b);
 
+struct FineOptions {
+  double start_mm = 1;    ///< Robust scale at the beginning.
+  size_t samples = 5000;  ///< Of a scan, about.
+  int max_rounds = 30;
+  double edge_sigma_mm = 0;  ///< Scatter of edges; 0: as seen once the robust scale has shrunk.
+};
+
 struct FineResult {
-  double sigma_mm = 0;  ///< Robust standard deviation of the residuals.
-  double step_mm = 0;   ///< Of the last round.
+  double sigma_mm = 0;       ///< Robust standard deviation of the residuals.
+  double edge_sigma_mm = 0;  ///< Scatter of edges.
+  double step_mm = 0;        ///< Of the last round.
   int rounds = 0;
 };
 
-/// Gauss-Newton with matches by projection; robust scale from `start_mm` down to three sigma of the
-/// residuals. `samples` a scan, about.
-FineResult align_fine(const JointProblem& problem, const Pairs& pairs, double start_mm, size_t samples,
-                      int max_rounds, Poses& poses, std::vector<ActiveBlocks>* active = nullptr);
+/// Gauss-Newton with matches by projection; robust scale from the start down to three sigma of the
+/// residuals. `active` as in match_all.
+FineResult align_fine(const JointProblem& problem, const Pairs& pairs, const FineOptions& options,
+                      Poses& poses, std::vector<ActiveBlocks>* active = nullptr);
 
 }  // namespace gantry::internal
