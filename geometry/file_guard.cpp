@@ -5,19 +5,10 @@
 
 #include <cerrno>
 #include <cstring>
-#include <fstream>
 
 #include "gantry/foundation/error.h"
 
 namespace gantry::internal {
-
-void require_header(const std::filesystem::path& path, const std::string& word) {
-  if (!std::filesystem::is_regular_file(path)) throw InputError(path.string() + ": no such file");
-  std::ifstream file(path, std::ios::binary);
-  for (std::string line; std::getline(file, line);)
-    if (line.starts_with(word) && !file.eof()) return;  // a complete line, not one that breaks off
-  throw InputError(path.string() + ": its header is broken or truncated: no line '" + word + "'");
-}
 
 void publish(const std::filesystem::path& partial, const std::filesystem::path& path) {
   const auto sync = [](const std::filesystem::path& what) {
