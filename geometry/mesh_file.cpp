@@ -84,8 +84,12 @@ TriangleMesh read_ply_mesh(const std::filesystem::path& path) {
 
 TriangleMesh read_mesh(const std::filesystem::path& path, double unit_mm) {
   const std::string name = path.string();
-  if (!std::filesystem::is_regular_file(path)) throw InputError(name + ": no such file");
-  TriangleMesh soup = path.extension() == ".ply" ? read_ply_mesh(path) : read_by_assimp(path);
+  internal::require_file(path);
+  const std::string extension = internal::lower_extension(path);
+  // Assimp knows dozens of formats; none but these has been tried on broken files.
+  if (extension != ".stl" && extension != ".obj" && extension != ".ply")
+    throw InputError(name + ": meshes are read from .stl, .ply or .obj, not '" + extension + "'");
+  TriangleMesh soup = extension == ".ply" ? read_ply_mesh(path) : read_by_assimp(path);
   for (size_t i = 0; i < soup.vertices.size(); ++i) {
     Eigen::Vector3f& v = soup.vertices[i];
     v = (v.cast<double>() * unit_mm).cast<float>();

@@ -7,6 +7,7 @@
 #include <fstream>
 #include <sstream>
 
+#include "file_guard.h"
 #include "gantry/foundation/error.h"
 
 namespace gantry::internal {
@@ -27,8 +28,7 @@ double decode(const char* bytes, bool big_endian) {
 }  // namespace
 
 std::string read_file(const std::filesystem::path& path) {
-  if (!std::filesystem::is_regular_file(path))
-    throw InputError(path.string() + (std::filesystem::exists(path) ? ": is not a file" : ": no such file"));
+  require_file(path);
   std::ifstream file(path, std::ios::binary);
   std::string bytes(std::filesystem::file_size(path), '\0');
   if (!file.read(bytes.data(), static_cast<std::streamsize>(bytes.size())))

@@ -145,14 +145,14 @@ class Body {
   }
 
   void read() {
+    if (count_ == 0) throw InputError(path_.string() + ": holds no points");
     if (header_.data == "ascii") {
       NumberReader reader(bytes_, Encoding::kAscii, path_);
-      if (count_ > 0) reader.require_room(count_, 2 * numbers_, "points");
+      reader.require_room(count_, 2 * numbers_, "points");
       set_aside();
       read_ascii(reader);
     } else if (header_.data == "binary") {
-      if (count_ > 0)
-        NumberReader(bytes_, Encoding::kLittleEndian, path_).require_room(count_, point_bytes_, "points");
+      NumberReader(bytes_, Encoding::kLittleEndian, path_).require_room(count_, point_bytes_, "points");
       set_aside();
       read_binary(bytes_);
     } else if (header_.data == "binary_compressed") {
@@ -194,13 +194,13 @@ class Body {
     const NumberType size_type{NumberKind::kUnsigned, 4};
     const auto packed_size = static_cast<size_t>(decode_number(bytes_.data(), size_type, false));
     const auto size = static_cast<size_t>(decode_number(bytes_.data() + 4, size_type, false));
-    if (packed_size > bytes_.size() - 8)
-      throw InputError(path_.string() + ": is truncated: " + std::to_string(packed_size) +
-                       " compressed bytes announced, " + std::to_string(bytes_.size() - 8) + " there");
     if (point_bytes_ == 0 || size % point_bytes_ != 0 || size / point_bytes_ != count_)
       throw InputError(path_.string() + ": " + std::to_string(count_) + " points of " +
                        std::to_string(point_bytes_) + " bytes announced, but its compressed data has " +
                        std::to_string(size) + " bytes");
+    if (packed_size > bytes_.size() - 8)
+      throw InputError(path_.string() + ": is truncated: " + std::to_string(packed_size) +
+                       " compressed bytes announced, " + std::to_string(bytes_.size() - 8) + " there");
     const std::string bytes = decompressed(bytes_.substr(8, packed_size), size, path_);
     set_aside();
     size_t offset = 0;

@@ -3,6 +3,7 @@
 // obj_info (Stanford's range scans: each cell holds the index of its vertex, or none), and an element
 // camera (PCL's: pose and size of the grid).
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <optional>
@@ -94,8 +95,10 @@ class Body {
       : header_(header), numbers_(bytes, header.encoding, path), path_(path) {}
 
   PointTable read() {
+    const auto is_vertex = [](const Element& element) { return element.name == "vertex"; };
+    if (std::count_if(header_.elements.begin(), header_.elements.end(), is_vertex) != 1)
+      fail("expected one element 'vertex'");
     for (const Element& element : header_.elements) read_element(element);
-    if (!seen_vertices_) fail("has no element 'vertex'");
     if (grid_)
       spread_over_grid();
     else if (is_grid_of_vertices(camera_size_)) {
@@ -137,8 +140,6 @@ class Body {
   }
 
   void read_vertices(const Element& element) {
-    if (seen_vertices_) fail("has two elements 'vertex'");
-    seen_vertices_ = true;
     std::vector<std::vector<float>*> columns;
     for (const Property& property : element.properties) {
       columns.push_back(property.length ? nullptr : column_for(table_, property.name));
@@ -223,7 +224,6 @@ class Body {
   const std::filesystem::path& path_;
   PointTable table_;
   size_t vertices_ = 0;
-  bool seen_vertices_ = false;
   std::vector<double> list_;  ///< Of the property that was read last.
   std::optional<std::vector<int>> grid_;
   double camera_size_[2] = {0, 0};

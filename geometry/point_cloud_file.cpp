@@ -29,7 +29,12 @@ PointCloud read_point_cloud(const std::filesystem::path& path, double unit_mm, s
                                               table.columns.at("normal_y")[i],
                                               table.columns.at("normal_z")[i])
                                   .stableNormalized());
-    if (sigma) cloud.sigma_mm.push_back(static_cast<float>(table.columns.at("sigma")[i] * unit_mm));
+    if (!sigma) continue;
+    const float sigma_mm = static_cast<float>(table.columns.at("sigma")[i] * unit_mm);
+    if (!(sigma_mm >= 0) || !std::isfinite(sigma_mm))
+      throw InputError(path.string() + ": point " + std::to_string(i) + " has sigma " +
+                       std::to_string(sigma_mm) + "; a standard uncertainty, 0 or more, is expected");
+    cloud.sigma_mm.push_back(sigma_mm);
   }
   if (cloud.points.empty()) throw InputError(path.string() + ": holds no finite point");
   if (bad > 0 && !dropped)

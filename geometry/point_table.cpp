@@ -3,6 +3,7 @@
 #include <array>
 #include <utility>
 
+#include "file_guard.h"
 #include "gantry/foundation/error.h"
 
 namespace gantry::internal {
@@ -24,7 +25,7 @@ std::vector<float>* column_for(PointTable& table, const std::string& field) {
 }
 
 PointTable read_points(const std::filesystem::path& path) {
-  const std::string extension = path.extension().string();
+  const std::string extension = lower_extension(path);
   if (extension != ".ply" && extension != ".pcd")
     throw InputError(path.string() + ": point clouds are read from .ply or .pcd, not '" + extension + "'");
   PointTable table = extension == ".ply" ? read_ply(path) : read_pcd(path);

@@ -24,6 +24,7 @@
 #include "mutation.h"
 
 extern "C" void __sanitizer_set_death_callback(void (*)()) __attribute__((weak));
+extern "C" void __sanitizer_print_stack_trace() __attribute__((weak));
 
 namespace {
 
@@ -52,6 +53,7 @@ void keep_input() {
 [[noreturn]] void fail(const char* what, const char* detail = "") {
   std::fprintf(stderr, "%s%s\n", what, detail);
   keep_input();
+  if (__sanitizer_print_stack_trace) __sanitizer_print_stack_trace();
   std::_Exit(1);
 }
 
