@@ -122,10 +122,10 @@ FusionResult fuse(const Options& o) {
     scan.part_from_sensor.independent =
         prior_covariance(scan.part_from_sensor.mean * centre_of(file.scan), o.prior[0], o.prior[1]);
     scan.scan = std::move(file.scan);
-    warn_of_unit(scan);
     spdlog::info("scan {} of {}: {}, {} points{}", i + 1, o.scans.size(), scan.name, scan.scan.valid_count(),
                  scan.scan.organised() ? ", organised" : "");
     fusion.add(scan);
+    warn_of_unit(scan);
   }
   return fusion.finish();
 }
