@@ -60,6 +60,27 @@ int run_app(CLI::App& app, int argc, char** argv, const CommonOptions& options,
   }
 }
 
+CLI::Validator number_within(double min, double max) {
+  char range[80];
+  std::snprintf(range, sizeof range, "number from %g to %g", min, max);
+  const auto check = [=, text = std::string(range)](const std::string& word) -> std::string {
+    double value = 0;
+    if (CLI::detail::lexical_cast(word, value) && value >= min && value <= max) return {};
+    return "expected a " + text + ", found " + word;
+  };
+  return CLI::Validator(check, "");
+}
+
+void require_writable_folder(const std::string& option, const std::filesystem::path& folder) {
+  std::filesystem::path existing = std::filesystem::absolute(folder);
+  while (!std::filesystem::exists(existing) && existing.has_relative_path())
+    existing = existing.parent_path();
+  if (!std::filesystem::is_directory(existing))
+    throw InputError(option + ": " + existing.string() + " is a file; a folder is expected");
+  if (::access(existing.c_str(), W_OK | X_OK) != 0)
+    throw InputError(option + ": nothing may be written into " + existing.string());
+}
+
 const std::atomic<bool>& stop_requested() {
   return g_stop;
 }

@@ -2,6 +2,7 @@
 
 #include <CLI/CLI.hpp>
 #include <atomic>
+#include <filesystem>
 #include <functional>
 #include <string>
 
@@ -21,6 +22,13 @@ void add_common_options(CLI::App& app, CommonOptions& options);
 /// documented exit code: InputError and wrong options 2, DeviceError 3.
 int run_app(CLI::App& app, int argc, char** argv, const CommonOptions& options,
             const std::function<ExitCode()>& body);
+
+/// Accepts a number within [min, max] and nothing else: CLI's own checks let "nan" pass.
+CLI::Validator number_within(double min, double max);
+
+/// Throws InputError naming the option unless results can be written to `folder`, which need not exist yet:
+/// better before hours of computing than after. Creates nothing.
+void require_writable_folder(const std::string& option, const std::filesystem::path& folder);
 
 /// Becomes true at SIGINT or SIGTERM once install_stop_handler() was called.
 const std::atomic<bool>& stop_requested();

@@ -23,6 +23,7 @@ struct InspectOptions {
 };
 
 ExitCode run_inspect(const InspectOptions& o) {
+  require_writable_folder("--out", o.out);
   size_t dropped = 0;
   const PointCloud cloud = read_point_cloud(o.cloud, o.unit == "m" ? 1000.0 : 1.0, &dropped);
   if (dropped > 0)
@@ -64,7 +65,7 @@ int main(int argc, char** argv) {
   inspecting->add_option("--reference", ins.reference, "CAD model (STL, PLY, OBJ)")->required();
   inspecting->add_option("--tolerance", ins.tolerance_mm, "Allowed deviation, +- mm")
       ->required()
-      ->check(CLI::PositiveNumber);
+      ->check(number_within(1e-4, 100));
   inspecting->add_option("--align", ins.align, "none or best-fit")
       ->check(CLI::IsMember({"none", "best-fit"}))
       ->capture_default_str();

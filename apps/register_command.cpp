@@ -92,6 +92,18 @@ FusionOptions fusion_options(const Options& o) {
   return options;
 }
 
+/// A scan of 80 units is 80 mm or 80 m across; 0.08 units tell that they were metres.
+void warn_of_unit(const TaggedScan& scan) {
+  constexpr float kLeast_mm = 2, kMost_mm = 20'000;
+  Eigen::AlignedBox3f box;
+  for (size_t i = 0; i < scan.scan.points.size(); ++i)
+    if (scan.scan.valid(i)) box.extend(scan.scan.points[i]);
+  const float across_mm = box.diagonal().norm();
+  if (across_mm < kLeast_mm || across_mm > kMost_mm)
+    spdlog::warn("{}: is {:.3g} mm across; is the unit of this file another one (--unit mm or m)?", scan.name,
+                 across_mm);
+}
+
 /// Reads one scan after the other and keeps of each only its range surface.
 FusionResult fuse(const Options& o) {
   const std::vector<std::string> names = names_of(o.scans);
@@ -113,6 +125,7 @@ FusionResult fuse(const Options& o) {
     spdlog::info("scan {} of {}: {}, {} points{}", i + 1, o.scans.size(), scan.name, scan.scan.valid_count(),
                  scan.scan.organised() ? ", organised" : "");
     fusion.add(scan);
+    warn_of_unit(scan);
   }
   return fusion.finish();
 }
@@ -191,6 +204,7 @@ void RegisterCommand::Impl::refuse_options_of_other_methods() const {
 
 RegisterCommand::RegisterCommand(CLI::App& app) : impl_(std::make_unique<Impl>()) {
   Options& o = impl_->options;
+  const CLI::Validator length = number_within(1e-3, 1000);  // mm
   CLI::App* command = impl_->command =
       app.add_subcommand("register",
                          "Multi-view registration: writes poses.txt, merged.ply and registration.json.\n"
@@ -204,7 +218,7 @@ RegisterCommand::RegisterCommand(CLI::App& app) : impl_(std::make_unique<Impl>()
                    "Standard deviation of the initial poses about each scan's middle: MM,DEG; default 15,15")
       ->delimiter(',')
       ->expected(2)
-      ->check(CLI::PositiveNumber);
+      ->check(number_within(1e-6, 1000));
   command->add_option("--method", o.method, "joint, refined-pose-graph, pose-graph or global-icp")
       ->check(CLI::IsMember({"joint", "refined-pose-graph", "pose-graph", "global-icp"}))
       ->capture_default_str();
@@ -218,7 +232,7 @@ RegisterCommand::RegisterCommand(CLI::App& app) : impl_(std::make_unique<Impl>()
   command->add_option("--out", o.out, "Folder for the results")->required();
   auto* merge_voxel = command->add_option("--merge-voxel", o.merge_voxel_mm,
                                           "Cell of the merged cloud, mm; default: from the point spacing");
-  merge_voxel->check(CLI::PositiveNumber);
+  merge_voxel->check(length);
   auto* merge_uniform = command->add_flag("--merge-uniform", o.merge_uniform,
                                           "Even density of the merged cloud, about one point to a cell");
   command->add_flag("--no-merge", o.no_merge, "Poses only, no merged.ply")
@@ -237,10 +251,10 @@ RegisterCommand::RegisterCommand(CLI::App& app) : impl_(std::make_unique<Impl>()
   of({"joint"}, command->add_option("--start", o.start_mm,
                                     "How far apart matching surfaces may lie at the beginning, mm; default: "
                                     "three sigma of the prior, at most 15 mm"))
-      ->check(CLI::PositiveNumber);
+      ->check(length);
   of({"joint"}, command->add_option("--noise", o.noise_mm,
                                     "Noise of the sensor, one sigma, mm; default: measured in the scans"))
-      ->check(CLI::PositiveNumber);
+      ->check(number_within(1e-4, 100));
   of({"refined-pose-graph"},
      command->add_option("--pairwise", o.pairwise,
                          "How pairs are registered: generalized-icp (default) or point-to-plane"))
@@ -248,22 +262,22 @@ RegisterCommand::RegisterCommand(CLI::App& app) : impl_(std::make_unique<Impl>()
   of(graphs, command->add_option("--voxel-size", o.voxel_size_mm,
                                  "Cell in which points are averaged for the first round, mm; default: leaves "
                                  "about 6000 of each scan"))
-      ->check(CLI::PositiveNumber);
+      ->check(length);
   of(graphs, command->add_option("--m", o.m,
                                  "Maximum distance threshold = voxel size * m, in [1, 4]; without it the "
                                  "search begins as wide as the prior and ends there with m = 2"))
-      ->check(CLI::Range(1.0, 4.0));
+      ->check(number_within(1, 4));
   of(graphs, command->add_option("--p", o.p, "Edge prune threshold = voxel size / p, in [2, 4]; default 3"))
-      ->check(CLI::Range(2.0, 4.0));
+      ->check(number_within(2, 4));
   of(graphs, command->add_option("--edge-prune-threshold", o.edge_prune_threshold_mm,
                                  "Instead of --p: pairs that disagree with the final poses by more are left "
                                  "out, mm at the scan's centre"))
-      ->check(CLI::PositiveNumber);
+      ->check(length);
   of({"refined-pose-graph", "pose-graph", "global-icp"},
      command->add_option("--max-distance-threshold", o.max_distance_threshold_mm,
                          "Points further apart never match, mm; pose graphs: instead of --m; global-icp: "
                          "instead of a radius that shrinks from the prior to four point spacings"))
-      ->check(CLI::PositiveNumber);
+      ->check(length);
   of({"global-icp"}, command->add_option("--sampling", o.sampling,
                                          "How points are chosen: normal-space (default), uniform, random or "
                                          "maximum-leverage"))
@@ -279,8 +293,7 @@ bool RegisterCommand::parsed() const {
 ExitCode RegisterCommand::run() const {
   const Options& o = impl_->options;
   impl_->refuse_options_of_other_methods();
-  if (std::filesystem::exists(o.out) && !std::filesystem::is_directory(o.out))
-    throw InputError("--out: " + o.out.string() + " is a file; a folder is expected");
+  require_writable_folder("--out", o.out);
   const FusionResult result = fuse(o);
   log_parameters(result.registration);
   write_registration(o.out, result);

@@ -16,6 +16,5 @@ find_package(GTest REQUIRED)
 pkg_check_modules(YAML_CPP REQUIRED IMPORTED_TARGET yaml-cpp)
 pkg_check_modules(MODBUS REQUIRED IMPORTED_TARGET libmodbus)
 pkg_check_modules(ARAVIS REQUIRED IMPORTED_TARGET aravis-0.8)
-# pcl_io alone: find_package(PCL) would drag VTK and Qt into every configure.
-pkg_check_modules(PCL_IO REQUIRED IMPORTED_TARGET pcl_io)
+# By pkg-config: find_package(PCL) would drag VTK and Qt into every configure.
 pkg_check_modules(PCL_FEATURES REQUIRED pcl_features)

@@ -1,5 +1,7 @@
 #include "gantry/foundation/strict_yaml.h"
 
+#include <yaml-cpp/eventhandler.h>
+
 #include <cmath>
 #include <fstream>
 #include <numbers>
@@ -25,13 +27,42 @@ std::string shown(double value) {
   return out.str();
 }
 
+/// Notes where documents begin and ignores what is in them.
+class DocumentStarts final : public YAML::EventHandler {
+ public:
+  void OnDocumentStart(const YAML::Mark& mark) override { marks.push_back(mark); }
+  void OnDocumentEnd() override {}
+  void OnNull(const YAML::Mark&, YAML::anchor_t) override {}
+  void OnAlias(const YAML::Mark&, YAML::anchor_t) override {}
+  void OnScalar(const YAML::Mark&, const std::string&, YAML::anchor_t, const std::string&) override {}
+  void OnSequenceStart(const YAML::Mark&, const std::string&, YAML::anchor_t,
+                       YAML::EmitterStyle::value) override {}
+  void OnSequenceEnd() override {}
+  void OnMapStart(const YAML::Mark&, const std::string&, YAML::anchor_t, YAML::EmitterStyle::value) override {
+  }
+  void OnMapEnd() override {}
+
+  std::vector<YAML::Mark> marks;
+};
+
+/// Not by YAML::LoadAll: where yaml-cpp gets stuck (a comma at the top is enough) it loads the same
+/// document again and again until memory ends.
+void require_one_document(const std::string& text, const std::string& name) {
+  std::istringstream stream(text);
+  YAML::Parser parser(stream);
+  DocumentStarts starts;
+  while (starts.marks.size() < 2 && parser.HandleNextDocument(starts)) {
+  }
+  if (starts.marks.size() < 2) return;
+  const std::string where = name + ":" + std::to_string(starts.marks[1].line + 1) + ": ";
+  if (starts.marks[1].pos <= starts.marks[0].pos) throw InputError(where + "not valid YAML");
+  throw InputError(where + "expected one YAML document, found a second one");
+}
+
 YAML::Node parse_or_throw(const std::string& text, const std::string& name) {
   try {
-    const std::vector<YAML::Node> documents = YAML::LoadAll(text);
-    if (documents.size() > 1)
-      throw InputError(name + ":" + std::to_string(documents[1].Mark().line + 1) +
-                       ": expected one YAML document, found " + std::to_string(documents.size()));
-    YAML::Node node = documents.empty() ? YAML::Node() : documents.front();
+    require_one_document(text, name);
+    const YAML::Node node = YAML::Load(text);
     if (!node.IsMap())
       throw InputError(name + ": expected a mapping (key: value) at the top, found " + shown(node));
     return node;

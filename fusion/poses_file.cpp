@@ -1,5 +1,6 @@
 #include "gantry/fusion/poses_file.h"
 
+#include <cctype>
 #include <cmath>
 #include <cstdio>
 #include <fstream>
@@ -8,6 +9,17 @@
 #include "gantry/foundation/error.h"
 
 namespace gantry {
+namespace {
+
+/// For a message: one line of it, whatever was in the file.
+std::string shown(std::string text) {
+  constexpr size_t kLongest = 60;
+  for (char& c : text)
+    if (!std::isprint(static_cast<unsigned char>(c))) c = c == '\t' ? ' ' : '?';
+  return "'" + (text.size() > kLongest ? text.substr(0, kLongest) + "..." : text) + "'";
+}
+
+}  // namespace
 
 std::vector<Pose> read_poses(const std::filesystem::path& path, size_t expected) {
   std::ifstream file(path);
@@ -26,9 +38,9 @@ std::vector<Pose> read_poses(const std::filesystem::path& path, size_t expected)
     std::istringstream numbers(line);
     for (int column = 0; column < 4; ++column)
       if (!(numbers >> matrix(row, column)) || !std::isfinite(matrix(row, column)))
-        fail("expected four finite numbers, found '" + line + "'");
+        fail("expected four finite numbers, found " + shown(line));
     std::string rest;
-    if (numbers >> rest) fail("expected four numbers only, found also '" + rest + "'");
+    if (numbers >> rest) fail("expected four numbers only, found also " + shown(rest));
     if (++row < 4) continue;
     row = 0;
     const Eigen::Matrix3d r = matrix.topLeftCorner<3, 3>();

@@ -3,20 +3,25 @@
 #include <fcntl.h>
 #include <unistd.h>
 
+#include <cctype>
 #include <cerrno>
 #include <cstring>
-#include <fstream>
 
 #include "gantry/foundation/error.h"
 
 namespace gantry::internal {
 
-void require_header(const std::filesystem::path& path, const std::string& word) {
-  if (!std::filesystem::is_regular_file(path)) throw InputError(path.string() + ": no such file");
-  std::ifstream file(path, std::ios::binary);
-  for (std::string line; std::getline(file, line);)
-    if (line.starts_with(word) && !file.eof()) return;  // a complete line, not one that breaks off
-  throw InputError(path.string() + ": its header is broken or truncated: no line '" + word + "'");
+void require_file(const std::filesystem::path& path) {
+  std::error_code error;  // a folder on the way may be closed to us: that is no such file too
+  if (std::filesystem::is_regular_file(path, error)) return;
+  throw InputError(path.string() +
+                   (std::filesystem::exists(path, error) ? ": a file is expected" : ": no such file"));
+}
+
+std::string lower_extension(const std::filesystem::path& path) {
+  std::string extension = path.extension().string();
+  for (char& c : extension) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+  return extension;
 }
 
 void publish(const std::filesystem::path& partial, const std::filesystem::path& path) {

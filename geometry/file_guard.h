@@ -5,9 +5,11 @@
 
 namespace gantry::internal {
 
-/// Throws InputError unless `path` is a file with a line that starts with `word`: the last line of its
-/// header. The libraries that read the rest loop or crash on a header that breaks off.
-void require_header(const std::filesystem::path& path, const std::string& word);
+/// Throws InputError naming `path` unless it is a file.
+void require_file(const std::filesystem::path& path);
+
+/// ".stl" of PART.STL too: the way CAD programs write it.
+std::string lower_extension(const std::filesystem::path& path);
 
 /// fsyncs `partial`, renames it to `path`, and fsyncs the folder: after that the file survives a power cut.
 void publish(const std::filesystem::path& partial, const std::filesystem::path& path);

@@ -11,7 +11,7 @@
 
 #include "file_guard.h"
 #include "gantry/foundation/error.h"
-#include "ply_mesh.h"
+#include "point_table.h"
 
 namespace gantry {
 namespace {
@@ -71,12 +71,25 @@ TriangleMesh read_by_assimp(const std::filesystem::path& path) {
   return soup;
 }
 
+TriangleMesh read_ply_mesh(const std::filesystem::path& path) {
+  internal::PointTable table = internal::read_points(path);
+  const std::vector<float>&x = table.columns.at("x"), &y = table.columns.at("y"), &z = table.columns.at("z");
+  TriangleMesh mesh;
+  for (size_t i = 0; i < x.size(); ++i) mesh.vertices.emplace_back(x[i], y[i], z[i]);
+  mesh.triangles = std::move(table.triangles);
+  return mesh;
+}
+
 }  // namespace
 
 TriangleMesh read_mesh(const std::filesystem::path& path, double unit_mm) {
   const std::string name = path.string();
-  if (!std::filesystem::is_regular_file(path)) throw InputError(name + ": no such file");
-  TriangleMesh soup = path.extension() == ".ply" ? internal::read_ply_triangles(path) : read_by_assimp(path);
+  internal::require_file(path);
+  const std::string extension = internal::lower_extension(path);
+  // Assimp knows dozens of formats; none but these has been tried on broken files.
+  if (extension != ".stl" && extension != ".obj" && extension != ".ply")
+    throw InputError(name + ": meshes are read from .stl, .ply or .obj, not '" + extension + "'");
+  TriangleMesh soup = extension == ".ply" ? read_ply_mesh(path) : read_by_assimp(path);
   for (size_t i = 0; i < soup.vertices.size(); ++i) {
     Eigen::Vector3f& v = soup.vertices[i];
     v = (v.cast<double>() * unit_mm).cast<float>();

@@ -1,40 +1,40 @@
 #include "gantry/geometry/point_cloud_file.h"
 
-#include <pcl/io/ply_io.h>
-
+#include <bit>
 #include <cmath>
+#include <fstream>
 
 #include "file_guard.h"
 #include "gantry/foundation/error.h"
-#include "pcl_blob.h"
+#include "point_table.h"
 
 namespace gantry {
 
 PointCloud read_point_cloud(const std::filesystem::path& path, double unit_mm, size_t* dropped) {
-  const internal::PclBlob blob = internal::read_blob(path);
-  const std::vector<float> x = internal::field_values(blob, "x", path);
-  const std::vector<float> y = internal::field_values(blob, "y", path);
-  const std::vector<float> z = internal::field_values(blob, "z", path);
-  std::vector<float> nx, ny, nz;
-  const bool normals = internal::has_field(blob, "normal_x") && internal::has_field(blob, "normal_y") &&
-                       internal::has_field(blob, "normal_z");
-  if (normals) {
-    nx = internal::field_values(blob, "normal_x", path);
-    ny = internal::field_values(blob, "normal_y", path);
-    nz = internal::field_values(blob, "normal_z", path);
-  }
-  std::vector<float> sigma;
-  if (internal::has_field(blob, "sigma")) sigma = internal::field_values(blob, "sigma", path);
+  const internal::PointTable table = internal::read_points(path);
+  const std::vector<float>&x = table.columns.at("x"), &y = table.columns.at("y"), &z = table.columns.at("z");
+  const bool normals = table.has("normal_x") && table.has("normal_y") && table.has("normal_z");
+  const bool sigma = table.has("sigma");
   PointCloud cloud;
   size_t bad = 0;
   for (size_t i = 0; i < x.size(); ++i) {
-    if (!std::isfinite(x[i]) || !std::isfinite(y[i]) || !std::isfinite(z[i])) {
+    const Eigen::Vector3f point = (Eigen::Vector3d(x[i], y[i], z[i]) * unit_mm).cast<float>();
+    if (!point.allFinite()) {
       ++bad;
       continue;
     }
-    cloud.points.push_back((Eigen::Vector3d(x[i], y[i], z[i]) * unit_mm).cast<float>());
-    if (normals) cloud.normals.push_back(Eigen::Vector3f(nx[i], ny[i], nz[i]).stableNormalized());
-    if (!sigma.empty()) cloud.sigma_mm.push_back(static_cast<float>(sigma[i] * unit_mm));
+    cloud.points.push_back(point);
+    if (normals)
+      cloud.normals.push_back(Eigen::Vector3f(table.columns.at("normal_x")[i],
+                                              table.columns.at("normal_y")[i],
+                                              table.columns.at("normal_z")[i])
+                                  .stableNormalized());
+    if (!sigma) continue;
+    const float sigma_mm = static_cast<float>(table.columns.at("sigma")[i] * unit_mm);
+    if (!(sigma_mm >= 0) || !std::isfinite(sigma_mm))
+      throw InputError(path.string() + ": point " + std::to_string(i) + " has sigma " +
+                       std::to_string(sigma_mm) + "; a standard uncertainty, 0 or more, is expected");
+    cloud.sigma_mm.push_back(sigma_mm);
   }
   if (cloud.points.empty()) throw InputError(path.string() + ": holds no finite point");
   if (bad > 0 && !dropped)
@@ -46,27 +46,26 @@ PointCloud read_point_cloud(const std::filesystem::path& path, double unit_mm, s
 
 void write_point_cloud(const std::filesystem::path& path, const PointCloud& cloud,
                        const std::vector<ScalarField>& fields) {
-  std::vector<std::string> names = {"x", "y", "z"};
-  if (cloud.has_normals()) names.insert(names.end(), {"normal_x", "normal_y", "normal_z"});
-  for (const auto& field : fields) names.push_back(field.name);
-  pcl::PCLPointCloud2 blob = internal::make_blob(cloud.size(), 1, names);
-  for (size_t i = 0; i < cloud.size(); ++i) {
-    size_t f = 0;
-    for (int k = 0; k < 3; ++k) internal::set_value(blob, i, f++, cloud.points[i][k]);
-    if (cloud.has_normals())
-      for (int k = 0; k < 3; ++k) internal::set_value(blob, i, f++, cloud.normals[i][k]);
-    for (const auto& field : fields) internal::set_value(blob, i, f++, field.values[i]);
-  }
+  static_assert(std::endian::native == std::endian::little);
   std::filesystem::path partial = path;
   partial += ".partial";
-  int status = -1;
-  try {
-    status = pcl::PLYWriter().writeBinary(partial.string(), blob, Eigen::Vector4f::Zero(),
-                                          Eigen::Quaternionf::Identity(), true);
-  } catch (const std::exception&) {
-    status = -1;
+  {
+    std::ofstream file(partial, std::ios::binary);
+    file << "ply\nformat binary_little_endian 1.0\nelement vertex " << cloud.size()
+         << "\nproperty float x\nproperty float y\nproperty float z\n";
+    if (cloud.has_normals()) file << "property float nx\nproperty float ny\nproperty float nz\n";
+    for (const ScalarField& field : fields) file << "property float " << field.name << "\n";
+    file << "end_header\n";
+    const auto write = [&](const float* values, size_t count) {
+      file.write(reinterpret_cast<const char*>(values), static_cast<std::streamsize>(count * sizeof(float)));
+    };
+    for (size_t i = 0; i < cloud.size(); ++i) {
+      write(cloud.points[i].data(), 3);
+      if (cloud.has_normals()) write(cloud.normals[i].data(), 3);
+      for (const ScalarField& field : fields) write(&field.values[i], 1);
+    }
+    if (!file.flush()) throw InputError(path.string() + ": cannot be written");
   }
-  if (status < 0) throw InputError(path.string() + ": cannot be written");
   internal::publish(partial, path);
 }
 

@@ -3,34 +3,36 @@
 #include <cmath>
 #include <fstream>
 #include <iomanip>
+#include <limits>
 
 #include "file_guard.h"
 #include "gantry/foundation/error.h"
-#include "pcl_blob.h"
+#include "point_table.h"
 
 namespace gantry {
 
 ScanFile read_scan(const std::filesystem::path& path, double unit_mm) {
-  const internal::PclBlob blob = internal::read_blob(path);
-  const std::vector<float> x = internal::field_values(blob, "x", path);
-  const std::vector<float> y = internal::field_values(blob, "y", path);
-  const std::vector<float> z = internal::field_values(blob, "z", path);
+  const internal::PointTable table = internal::read_points(path);
+  constexpr size_t kMostSide = std::numeric_limits<int>::max();
+  if (table.width > kMostSide || table.height > kMostSide)
+    throw InputError(path.string() + ": is too large: " + std::to_string(table.width) + " x " +
+                     std::to_string(table.height) + " points");
+  const std::vector<float>&x = table.columns.at("x"), &y = table.columns.at("y"), &z = table.columns.at("z");
   ScanFile file;
-  file.scan.width = static_cast<int>(blob.cloud.width);
-  file.scan.height = static_cast<int>(blob.cloud.height);
+  file.scan.width = static_cast<int>(table.width);
+  file.scan.height = static_cast<int>(table.height);
   file.scan.points.resize(x.size());
   for (size_t i = 0; i < x.size(); ++i) {
-    const bool finite = std::isfinite(x[i]) && std::isfinite(y[i]) && std::isfinite(z[i]);
-    file.scan.points[i] = finite
-                              ? Eigen::Vector3f((Eigen::Vector3d(x[i], y[i], z[i]) * unit_mm).cast<float>())
-                              : invalid_point();
+    const Eigen::Vector3f point = (Eigen::Vector3d(x[i], y[i], z[i]) * unit_mm).cast<float>();
+    file.scan.points[i] = point.allFinite() ? point : invalid_point();
   }
   if (file.scan.valid_count() == 0) throw InputError(path.string() + ": holds no finite point");
-  const Eigen::Quaterniond rotation = blob.orientation.cast<double>();
-  if (!(std::abs(rotation.norm() - 1.0) < 1e-3) || !blob.origin.allFinite())
+  const Eigen::Matrix3d& axes = table.sensor_axes;
+  if (!(axes.transpose() * axes).isIdentity(1e-3) || axes.determinant() < 0 ||
+      !table.sensor_position.allFinite())
     throw InputError(path.string() + ": its VIEWPOINT is not a rigid pose");
-  file.part_from_sensor.linear() = rotation.normalized().toRotationMatrix();
-  file.part_from_sensor.translation() = blob.origin.head<3>().cast<double>() * unit_mm;
+  file.part_from_sensor.linear() = Eigen::Quaterniond(axes).normalized().toRotationMatrix();
+  file.part_from_sensor.translation() = table.sensor_position * unit_mm;
   file.has_pose = !file.part_from_sensor.isApprox(Pose::Identity(), 1e-9);
   return file;
 }

@@ -31,20 +31,21 @@ Chain draw_truth(const Chain& nominal, std::mt19937_64& random) {
 
 StageDynamics read_stage(StrictYaml yaml, JointKind kind) {
   const bool linear = kind == JointKind::kPrismatic;
-  const auto value = [&](const std::string& stem) {
-    return linear ? yaml.number(stem, {0, 1e6}) : yaml.angle_deg(stem, {0, 1e6});
+  const auto value = [&](const std::string& key, double min) {
+    return linear ? yaml.number(key, {min, 1e6}) : yaml.angle_deg(key, {min, 1e6});
   };
+  constexpr double kSlowest = 1e-3;  // what never moves would never arrive
   const std::string unit = linear ? "_mm" : "_deg";
   StageDynamics stage;
   const Eigen::Vector2d travel = yaml.interval("travel" + unit);
   const double scale = linear ? 1.0 : std::acos(-1.0) / 180.0;
   stage.travel_min = travel[0] * scale;
   stage.travel_max = travel[1] * scale;
-  stage.max_speed = value("max_speed" + unit + "_s");
-  stage.max_acceleration = value("max_acceleration" + unit + "_s2");
-  stage.homing_speed = value("homing_speed" + unit + "_s");
-  stage.encoder_resolution = value("encoder_resolution" + unit);
-  stage.repeatability_sigma = value("repeatability" + unit);
+  stage.max_speed = value("max_speed" + unit + "_s", kSlowest);
+  stage.max_acceleration = value("max_acceleration" + unit + "_s2", kSlowest);
+  stage.homing_speed = value("homing_speed" + unit + "_s", kSlowest);
+  stage.encoder_resolution = value("encoder_resolution" + unit, 0);
+  stage.repeatability_sigma = value("repeatability" + unit, 0);
   stage.settling_time_s = yaml.number_or("settling_time_s", stage.settling_time_s, {0, 10});
   yaml.finish();
   return stage;

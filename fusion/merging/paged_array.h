@@ -28,15 +28,14 @@ class PagedArray {
   size_t bytes() const { return size_ * sizeof(T); }
 
   T& operator[](size_t i) {
-    const size_t shifted = i + kFirst;
-    const int top = std::bit_width(shifted) - 1;
-    return segments_[top - kFirstBits][shifted ^ (size_t{1} << top)];
+    const int segment = segment_of(i);
+    return segments_[segment][i + kFirst - (kFirst << segment)];
   }
   const T& operator[](size_t i) const { return const_cast<PagedArray&>(*this)[i]; }
 
   /// The new last element.
   T& grow() {
-    const int segment = std::bit_width(size_ + kFirst) - 1 - kFirstBits;
+    const int segment = segment_of(size_);
     if (!segments_[segment]) {
       void* pages = mmap(nullptr, (kFirst << segment) * sizeof(T), PROT_READ | PROT_WRITE,
                          MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
@@ -56,6 +55,9 @@ class PagedArray {
   /// Elements of the first segment: up to 1 MB, so that small arrays take one call to the system.
   static constexpr size_t kFirst = std::bit_floor((size_t{1} << 20) / sizeof(T));
   static constexpr int kFirstBits = std::bit_width(kFirst) - 1;
+  /// Segment k begins at element (2^k - 1) kFirst.
+  static int segment_of(size_t i) { return std::bit_width((i >> kFirstBits) + 1) - 1; }
+
   std::array<T*, 32> segments_{};
   size_t size_ = 0;
 };

@@ -53,6 +53,11 @@ TEST_F(BadInput, InvertedLimits) {
   expect_refused(run_cell(), {"cell.yaml:", "axes[2].motion.soft_limits_deg", "[75, -75]"});
 }
 
+TEST_F(BadInput, AStageThatWouldNeverArrive) {
+  write_text(folder_ / "cell.yaml", replaced(simulated_cell_text(), "max_speed_mm_s: 200", "max_speed_mm_s: 0"));
+  expect_refused(run_cell(), {"cell.yaml:", "simulation.stages[0].max_speed_mm_s", "found 0"});
+}
+
 TEST_F(BadInput, MissingPlan) {
   std::filesystem::remove(folder_ / "plan.yaml");
   expect_refused(run_cell(), {"plan.yaml", "cannot be opened"});
@@ -118,6 +123,8 @@ class BadScans : public BadInput {
 TEST_F(BadScans, MissingAndBrokenPly) {
   write_text(folder_ / "poses.txt", identity_);
   expect_refused(run_register({folder_ / "none.ply"}), {"none.ply", "no such file"});
+  std::filesystem::create_directory(folder_ / "folder.ply");
+  expect_refused(run_register({folder_ / "folder.ply"}), {"folder.ply", "a file is expected"});
   write_text(folder_ / "broken.ply", "ply\nnonsense\n");
   expect_refused(run_register({folder_ / "broken.ply"}), {"broken.ply"});
   write_text(folder_ / "empty.ply", ply(0, ""));

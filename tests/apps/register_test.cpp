@@ -61,6 +61,15 @@ class Register : public ::testing::Test {
   }
   nlohmann::json result() const { return nlohmann::json::parse(read_text(out() + "/registration.json")); }
 
+  /// What is left of the options is wrong: tells so without any computation.
+  void expect_wrong_option(const std::vector<std::string>& options, const std::vector<std::string>& fragments) {
+    const ProcessResult process = run_all(options);
+    EXPECT_EQ(process.exit_code, 2) << process.out << process.err;
+    for (const std::string& fragment : fragments)
+      EXPECT_NE(process.err.find(fragment), std::string::npos) << fragment << " in " << process.err;
+    EXPECT_LT(process.err.size(), 200u) << process.err;
+  }
+
   /// One message on one line, exit code 2, and nothing created.
   void expect_refused(const ProcessResult& process, const std::vector<std::string>& fragments) {
     EXPECT_EQ(process.exit_code, 2) << process.out << process.err;
@@ -91,6 +100,30 @@ TEST_F(Register, FindsThePosesAndSaysSo) {
     EXPECT_LT((gauge * found[i] * truth[i].inverse() * middle - middle).norm(), 0.05) << i;
     EXPECT_GT((initial[i] * truth[i].inverse() * middle - middle).norm(), 0.5) << i;
   }
+}
+
+TEST_F(Register, NumbersOutOfAllReasonAreRefused) {
+  expect_wrong_option({"--prior", "nan,1"}, {"--prior", "found nan"});
+  expect_wrong_option({"--prior", "15,1e300"}, {"--prior", "found 1e300"});
+  expect_wrong_option({"--noise", "0"}, {"--noise", "from 0.0001 to 100", "found 0"});
+  expect_wrong_option({"--start", "inf"}, {"--start", "found inf"});
+  expect_wrong_option({"--merge-voxel", "1e-9"}, {"--merge-voxel", "from 0.001", "found 1e-9"});
+  expect_wrong_option({"--method", "pose-graph", "--m", "nan"}, {"--m", "from 1 to 4", "found nan"});
+}
+
+TEST_F(Register, AFolderThatCannotBeMadeIsToldBeforeTheWork) {
+  write_text(folder_ / "file", "mine");
+  const ProcessResult process = run_program(
+      "gantry-fusion", {"register", scan(0), "--initial", *scans_ / "none.txt", "--out", folder_ / "file/deep/out"});
+  EXPECT_EQ(process.exit_code, 2);
+  for (const char* fragment : {"--out", "file is a file", "a folder is expected"})
+    EXPECT_NE(process.err.find(fragment), std::string::npos) << fragment << " in " << process.err;
+}
+
+TEST_F(Register, ScansInAnotherUnitAreToldByTheirSize) {
+  const ProcessResult process = run_all({"--unit", "m", "--no-merge"});
+  EXPECT_NE(process.err.find("scan_00.pcd: is "), std::string::npos) << process.err;
+  EXPECT_NE(process.err.find("--unit"), std::string::npos) << process.err;
 }
 
 TEST_F(Register, WritesWhatItKnows) {

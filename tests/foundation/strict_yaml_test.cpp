@@ -153,7 +153,10 @@ TEST(StrictYaml, TextThatIsNotOneYamlMappingIsRefused) {
   expect_error("- 1\n- 2\n", kNothing, {"cell.yaml", "mapping", "a list of 2"});
   expect_error("a: 1\nb: [1, 2\n", kNothing, {"cell.yaml:", "YAML"});
   expect_error("a: 1\n b: 2\n", kNothing, {"cell.yaml:2:", "YAML"});
-  expect_error("a: 1\n---\nb: 2\n", kNothing, {"cell.yaml", "one"});
+  expect_error("a: 1\n---\nb: 2\n", kNothing, {"cell.yaml:2:", "one"});
+  // yaml-cpp never gets past these.
+  expect_error(",", kNothing, {"cell.yaml:1:", "YAML"});
+  expect_error("# a comment\n, b\na: 1\n", kNothing, {"cell.yaml:", "YAML"});
   expect_error(std::string("\x89PNG\r\n\x1a\n\0\0\0\rIHDR", 16), kNothing, {"cell.yaml"});
 }
 

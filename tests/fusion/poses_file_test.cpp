@@ -44,6 +44,10 @@ TEST(PosesFile, MistakesAreNamedWithTheirLine) {
   expect_mistake("# c\n\n1 0 0 x\n0 1 0 0\n0 0 1 0\n0 0 0 1\n", 3, "found '1 0 0 x'");
   expect_mistake("1 0 0 nan\n0 1 0 0\n0 0 1 0\n0 0 0 1\n", 1, "four finite numbers");
   expect_mistake("1 0 0 inf\n0 1 0 0\n0 0 1 0\n0 0 0 1\n", 1, "four finite numbers");
+  expect_mistake(
+      "\x7f"
+      "ELF\x02 \xff\n",
+      1, "found '?ELF? ?'");  // a message stays one line of text
   expect_mistake("1 0 0 0\n0 1 0 0\n0 0 1 0 9\n0 0 0 1\n", 3, "'9'");
   expect_mistake("1 0 0 0\n0 2 0 0\n0 0 1 0\n0 0 0 1\n", 4, "not a rotation");
   expect_mistake("1 0 0 0\n0 1 0 0\n0 0 -1 0\n0 0 0 1\n", 4, "not a rotation");

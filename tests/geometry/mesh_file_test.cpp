@@ -115,6 +115,9 @@ TEST_F(MeshFile, BrokenFilesAreNamed) {
   }
   refused(folder_.write("no_triangles.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\n"));
   refused(folder_.write("mesh.unknown", "solid"));
+  const std::string triangle = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
+  EXPECT_EQ(read_mesh(folder_.write("CAPITALS.OBJ", triangle)).triangles.size(), 1u);
+  refused(folder_.write("mesh.3ds", triangle));
   refused(folder_.write("collapsed.stl", binary_stl({{{1, 1, 1}, {1, 1, 1}, {1, 1, 1}}, {{0, 1, 2}}})));
 }
 

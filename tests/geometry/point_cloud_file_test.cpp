@@ -104,6 +104,17 @@ TEST_F(PointCloudFile, PointsThatAreNotFiniteAreCountedOrRefused) {
   EXPECT_TRUE(read.normals[3].isApprox(cloud_.normals[4], 1e-6f)) << "normals must stay with their points";
 }
 
+TEST_F(PointCloudFile, UncertaintyMustBeANumberFromZeroUp) {
+  for (const char* sigma : {"-0.1", "nan", "inf"}) {
+    const auto path =
+        folder_.write("s.ply",
+                      "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\n"
+                      "property float z\nproperty float sigma\nend_header\n1 2 3 " +
+                          std::string(sigma) + "\n");
+    expect_input_error([&] { read_point_cloud(path); }, {path.string(), "point 0", "sigma"});
+  }
+}
+
 TEST_F(PointCloudFile, UnitScalesPointsButNotNormals) {
   const auto path =
       folder_.write("m.ply",

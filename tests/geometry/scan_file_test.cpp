@@ -142,6 +142,131 @@ TEST_F(ScanFileTest, BrokenFilesAreNamed) {
                         "VIEWPOINT 0 0 0 1 0 0 0\nPOINTS 1\nDATA ascii\n1 2\n"));
 }
 
+/// A PCD of two points, with what is given in place of a line of its header.
+std::string small_pcd(const std::string& line = "", const std::string& instead = "") {
+  std::string text =
+      "VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 2\nHEIGHT 1\n"
+      "VIEWPOINT 0 0 0 1 0 0 0\nPOINTS 2\nDATA ascii\n1 2 3\n4 5 6\n";
+  if (!line.empty()) text.replace(text.find(line), line.size(), instead);
+  return text;
+}
+
+TEST_F(ScanFileTest, HeadersThatCannotBeTrueAreRefused) {
+  ASSERT_EQ(read_scan(folder_.write("good.pcd", small_pcd())).scan.points.size(), 2u);
+  const auto refused = [&](const std::string& line, const std::string& instead, const std::string& message) {
+    SCOPED_TRACE(instead);
+    const auto path = folder_.write("bad.pcd", small_pcd(line, instead));
+    expect_input_error([&] { read_scan(path); }, {path.string(), message});
+  };
+  refused("VERSION 0.7\n", "VERSION 0.7\n0.7 ", ":2: ");
+  refused("FIELDS x y z\n", "", "FIELDS");
+  refused("FIELDS x y z", "FIELDS x y x", "twice");
+  refused("SIZE 4 4 4", "SIZE 4 4", "expected 3 entries");
+  refused("SIZE 4 4 4", "SIZE 4 4 3", "SIZE 3");
+  refused("TYPE F F F", "TYPE F F X", "'X'");
+  refused("COUNT 1 1 1", "COUNT 1 1 0", "COUNT 0");
+  refused("WIDTH 2", "WIDTH -2", "'-2'");
+  refused("WIDTH 2", "WIDTH 0", "WIDTH times HEIGHT is 0");
+  refused("WIDTH 2\nHEIGHT 1", "WIDTH 18446744073709551615\nHEIGHT 3", "too large");
+  refused("POINTS 2", "POINTS 3", "POINTS is 3");
+  refused("DATA ascii", "DATA morse", "'morse'");
+  refused("1 2 3", "1 2 x", "'x'");
+  refused("1 2 3\n4 5 6\n", "1 2 3\n4 5\n", "truncated");
+  refused("VIEWPOINT 0 0 0 1 0 0 0", "VIEWPOINT 0 0 0", "VIEWPOINT");
+}
+
+TEST_F(ScanFileTest, WhatAHeaderClaimsIsNotSetAside) {
+  // Four billion points in 200 bytes: refused at once, not tried.
+  std::string four_billion = small_pcd("WIDTH 2", "WIDTH 4294967295");
+  four_billion.replace(four_billion.find("POINTS 2"), 8, "POINTS 4294967295");
+  for (const std::string data : {"ascii", "binary", "binary_compressed"}) {
+    std::string bytes = four_billion;
+    bytes.replace(bytes.find("ascii"), 5, data);
+    const auto path = folder_.write("huge.pcd", bytes);
+    expect_input_error([&] { read_scan(path); }, {path.string(), "4294967295"});
+  }
+  std::string ply = kGridPly;
+  ply.replace(ply.find("vertex 4"), 8, "vertex 4294967295");
+  const auto path = folder_.write("huge.ply", ply);
+  expect_input_error([&] { read_scan(path); }, {path.string(), "4294967295"});
+}
+
+TEST_F(ScanFileTest, ReadsCompressedPcdAsPclWritesIt) {
+  // Fields one after the other (x x x, y y y, z z z), packed by LZF: x and y as literal bytes, then the z
+  // as a copy of the y, 12 bytes from 12 bytes before.
+  std::string bytes = small_pcd("ascii\n1 2 3\n4 5 6\n", "binary_compressed\n");
+  bytes.replace(bytes.find("WIDTH 2"), 7, "WIDTH 3");
+  bytes.replace(bytes.find("POINTS 2"), 8, "POINTS 3");
+  std::string packed(1, '\x17');
+  for (const float value : {1.f, 2.f, 3.f, 7.f, 8.f, 9.f})
+    packed.append(reinterpret_cast<const char*>(&value), sizeof value);
+  packed += std::string("\xe0\x03\x0b", 3);
+  const auto size = [](uint32_t n) { return std::string(reinterpret_cast<const char*>(&n), sizeof n); };
+  const std::string head = bytes + size(static_cast<uint32_t>(packed.size())) + size(36);
+  const Scan scan = read_scan(folder_.write("packed.pcd", head + packed)).scan;
+  EXPECT_EQ(scan.points, (std::vector<Eigen::Vector3f>{{1, 7, 7}, {2, 8, 8}, {3, 9, 9}}));
+
+  const auto broken = folder_.write("broken.pcd", head + packed.substr(0, packed.size() - 1) + "\x7f");
+  expect_input_error([&] { read_scan(broken); }, {broken.string(), "compressed data is broken"});
+  const auto cut = folder_.write("cut.pcd", head + packed.substr(0, 10));
+  expect_input_error([&] { read_scan(cut); }, {cut.string(), "truncated"});
+}
+
+TEST_F(ScanFileTest, ReadsEveryEncodingOfPly) {
+  const auto header = [](const std::string& format) {
+    return "ply\r\nformat " + format +
+           " 1.0\nelement vertex 1\nproperty uchar red\nproperty double x\nproperty short y\nproperty float "
+           "z\n"
+           "property list uchar int more\nend_header\n";
+  };
+  const std::string little("\x07\0\0\0\0\0\0\xf8\x3f\xfe\xff\0\0\x80\x43\1\1\0\0\0", 20);
+  const std::string big("\x07\x3f\xf8\0\0\0\0\0\0\xff\xfe\x43\x80\0\0\1\0\0\0\1", 20);
+  for (const std::string& file :
+       {header("ascii") + "7 +1.5 -2 2.56e2 2 8 9", header("binary_little_endian") + little,
+        header("binary_big_endian") + big}) {
+    const Scan scan = read_scan(folder_.write("a.ply", file)).scan;
+    ASSERT_EQ(scan.points.size(), 1u);
+    EXPECT_EQ(scan.points[0], Eigen::Vector3f(1.5f, -2, 256));
+  }
+}
+
+TEST_F(ScanFileTest, BrokenPlyHeadersAreToldByLine) {
+  const auto refused = [&](const std::string& line, const std::string& instead, const std::string& message) {
+    SCOPED_TRACE(instead);
+    std::string bytes = kGridPly;
+    bytes.replace(bytes.find(line), line.size(), instead);
+    const auto path = folder_.write("bad.ply", bytes);
+    expect_input_error([&] { read_scan(path); }, {path.string(), message});
+  };
+  refused("ply\n", "plya\n", ":1: ");
+  refused("format ascii", "format utf8", ":2: ");
+  refused("format ascii 1.0\n", "", "format");
+  refused("obj_info num_rows 2", "obj_info num_rows 3", "num_rows 3");
+  refused("obj_info num_cols 3", "obj_info num_cols 9223372036854775809", "num_cols 9223372036854775809");
+  refused("element vertex 4", "element vertex -4", ":5: ");
+  refused("float x", "float128 x", "'float128'");
+  refused("property float x", "property x", ":6: ");
+  refused("float y", "float x", "twice");
+  refused("element vertex 4", "property float a\nelement vertex 4", "before the first element");
+  refused("1 0\n0\n", "1.5 0\n0\n", "a list of 1.5");
+  refused("1 3\n", "1 -1\n", "does not exist");
+  refused("element vertex", "element points", "expected one element 'vertex'");
+}
+
+TEST_F(ScanFileTest, APlyMayTellTheGridAndThePoseOfItsCamera) {
+  const std::string text =
+      "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\n"
+      "element camera 1\nproperty float view_px\nproperty float x_axisx\nproperty float y_axisx\n"
+      "property float x_axisy\nproperty float y_axisy\nproperty int viewportx\nproperty int viewporty\n"
+      "end_header\n1 2 3\n4 5 6\n100 0 1 -1 0 1 2\n";
+  const ScanFile read = read_scan(folder_.write("camera.ply", text));
+  EXPECT_EQ(read.scan.width, 1);
+  EXPECT_EQ(read.scan.height, 2);
+  EXPECT_TRUE(read.has_pose);
+  EXPECT_EQ(read.part_from_sensor.translation(), Eigen::Vector3d(100, 0, 0));
+  EXPECT_TRUE(read.part_from_sensor.linear().col(0).isApprox(Eigen::Vector3d::UnitY()));
+}
+
 TEST_F(ScanFileTest, TruncatedFilesNeverCrash) {
   write_scan(folder_ / "whole.pcd", scan_, Pose::Identity());
   expect_sound_when_cut(TemporaryFolder::read(folder_ / "whole.pcd"), ".pcd");

@@ -15,9 +15,9 @@ struct ScalarField {
   std::span<const float> values;
 };
 
-/// Reads PLY or PCD: points, normals and a field `sigma` (standard uncertainty, same unit) when present. Points that are not finite are an error here
-/// (a scan may have gaps, a cloud may not): they are dropped and counted in `dropped` if given,
-/// otherwise InputError is thrown.
+/// Reads PLY or PCD: points, normals and a field `sigma` (standard uncertainty, same unit; 0 or more, else
+/// InputError) when present. Points that are not finite are an error here (a scan may have gaps, a cloud may
+/// not): they are dropped and counted in `dropped` if given, otherwise InputError is thrown.
 PointCloud read_point_cloud(const std::filesystem::path& path, double unit_mm = 1.0,
                             size_t* dropped = nullptr);
 
