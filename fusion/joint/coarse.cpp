@@ -4,6 +4,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
+#include <iterator>
+#include <numeric>
 
 #include "range_image/simd.h"
 
@@ -100,29 +103,92 @@ PairSum match_pair(const CoarseLevel& target, const RayModel& rays, const Coarse
   return sum;
 }
 
+/// Where a scan has surface, and facing which way: cells of space by the axis nearest to the normal.
+std::vector<uint64_t> occupied(const CoarseLevel& level, const Pose& pose, double cell_mm) {
+  std::vector<uint64_t> cells;
+  for (const int i : level.filled) {
+    const Eigen::Vector3d p = pose * level.point(i).cast<double>() / cell_mm;
+    const Eigen::Vector3d n = pose.linear() * level.normal(i).cast<double>();
+    int axis = 0;
+    n.cwiseAbs().maxCoeff(&axis);
+    uint64_t key = static_cast<uint64_t>(2 * axis + (n[axis] > 0 ? 1 : 0));
+    for (int k = 0; k < 3; ++k)
+      key = key << 20 |
+            static_cast<uint64_t>(static_cast<int64_t>(std::clamp(std::floor(p[k]), -5e5, 5e5)) & 0xfffff);
+    cells.push_back(key);
+  }
+  std::sort(cells.begin(), cells.end());
+  cells.erase(std::unique(cells.begin(), cells.end()), cells.end());
+  return cells;
+}
+
 }  // namespace
 
-void align_coarse(const CoarseScans& scans, const std::vector<PosePrior>& priors,
-                  const Eigen::Vector3d& centre, const CoarseOptions& options,
-                  std::vector<Pose>& part_from_grid) {
+Pairs strongest_pairs(std::vector<WeighedPair> candidates, size_t scans, size_t most) {
+  std::stable_sort(candidates.begin(), candidates.end(),
+                   [](const WeighedPair& a, const WeighedPair& b) { return a.weight > b.weight; });
+  std::vector<size_t> partners(scans, 0), parent(scans);
+  std::iota(parent.begin(), parent.end(), size_t{0});
+  const auto root_of = [&](size_t i) {
+    while (parent[i] != i) i = parent[i] = parent[parent[i]];
+    return i;
+  };
+  Pairs pairs;
+  for (const WeighedPair& c : candidates) {
+    if (c.weight == 0) break;
+    const size_t root_a = root_of(c.a), root_b = root_of(c.b);
+    if (root_a == root_b && partners[c.a] >= most && partners[c.b] >= most) continue;
+    parent[root_a] = root_b;
+    ++partners[c.a];
+    ++partners[c.b];
+    pairs.emplace_back(c.a, c.b);
+  }
+  std::sort(pairs.begin(), pairs.end());
+  return pairs;
+}
+
+Pairs likely_pairs(const CoarseScans& scans, const Poses& part_from_grid, double reach_mm, size_t most) {
   const size_t n = scans.levels.size();
-  std::vector<PairSum> sums(n * n);
+  std::vector<WeighedPair> candidates;
+  for (size_t a = 0; a < n; ++a)
+    for (size_t b = a + 1; b < n; ++b) candidates.push_back({a, b, 1});
+  if (n <= most + 1) return strongest_pairs(candidates, n, n);
+  std::vector<std::vector<uint64_t>> cells(n);
+  tbb::parallel_for(size_t{0}, n, [&](size_t i) {
+    cells[i] = occupied(*scans.levels[i], part_from_grid[i], 2 * reach_mm);
+  });
+  tbb::parallel_for(size_t{0}, candidates.size(), [&](size_t k) {
+    const auto &one = cells[candidates[k].a], &other = cells[candidates[k].b];
+    std::vector<uint64_t> common;
+    std::set_intersection(one.begin(), one.end(), other.begin(), other.end(), std::back_inserter(common));
+    candidates[k].weight = common.size();
+  });
+  return strongest_pairs(std::move(candidates), n, most);
+}
+
+void align_coarse(const CoarseScans& scans, const Pairs& pairs, const std::vector<PosePrior>& priors,
+                  const Eigen::Vector3d& centre, const CoarseOptions& options, Poses& part_from_grid) {
+  const size_t n = scans.levels.size();
+  std::vector<PairSum> sums(2 * pairs.size());
+  const auto ends = [&](size_t slot) {
+    const auto& [a, b] = pairs[slot / 2];
+    return slot % 2 == 0 ? std::pair{a, b} : std::pair{b, a};
+  };
   double scale = options.start_mm, angle = options.start_angle_rad;
   for (int at_end = 0; at_end < options.extra_iterations;) {
     const Gates gates{scale, 3 * scale, static_cast<float>(std::cos(angle))};
-    tbb::parallel_for(size_t{0}, n * n, [&](size_t pair) {
-      const size_t target = pair / n, source = pair % n;
-      if (target == source) return;
+    tbb::parallel_for(size_t{0}, sums.size(), [&](size_t slot) {
+      const auto [target, source] = ends(slot);
       if (!options.fixed.empty() && options.fixed[target] && options.fixed[source]) return;
-      sums[pair] = match_pair(*scans.levels[target], *scans.rays[target], *scans.levels[source],
+      sums[slot] = match_pair(*scans.levels[target], *scans.rays[target], *scans.levels[source],
                               options.samples, part_from_grid[target].inverse() * part_from_grid[source],
                               part_from_grid[target], centre, gates, options);
     });
     NormalEquations equations(n);
-    for (size_t target = 0; target < n; ++target)
-      for (size_t source = 0; source < n; ++source)
-        if (target != source && sums[target * n + source].matches > 0)
-          equations.add_pair(target, source, sums[target * n + source], 1 / (scale * scale));
+    for (size_t slot = 0; slot < sums.size(); ++slot) {
+      const auto [target, source] = ends(slot);
+      if (sums[slot].matches > 0) equations.add_pair(target, source, sums[slot], 1 / (scale * scale));
+    }
     for (size_t i = 0; i < n; ++i) {
       if (!options.fixed.empty() && options.fixed[i]) {
         equations.add_prior(i, 1e6 * Matrix6d::Identity() * equations.hessian().diagonal().maxCoeff(),

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "gantry/fusion/range_surface.h"
@@ -14,6 +15,20 @@ struct CoarseScans {
   std::vector<const CoarseLevel*> levels;
   std::vector<const RayModel*> rays;
 };
+
+using Poses = std::vector<Pose>;                       ///< part_from_grid of every scan.
+using Pairs = std::vector<std::pair<size_t, size_t>>;  ///< Unordered pairs, first < second.
+
+struct WeighedPair {
+  size_t a, b;
+  size_t weight;  ///< How much they have in common; 0: nothing.
+};
+/// The pairs of greatest weight, about `most` for each scan, and those that connect what is apart.
+Pairs strongest_pairs(std::vector<WeighedPair> candidates, size_t scans, size_t most);
+
+/// Pairs that may share surface when all poses may be `reach_mm` wrong: all of them when there are few
+/// scans, otherwise those that have most in common.
+Pairs likely_pairs(const CoarseScans& scans, const Poses& part_from_grid, double reach_mm, size_t most);
 
 /// What is believed of one pose beforehand: `information` of errors about the common centre.
 struct PosePrior {
@@ -35,12 +50,11 @@ struct CoarseOptions {
 };
 
 /// Brings all scans together at one level of the pyramid: in each round every sample of every scan takes
-/// the nearest point of every other scan whose normal agrees, in a window about where it projects to, and
+/// the nearest point of each of its partners whose normal agrees, in a window about where it projects to, and
 /// one joint Gauss-Newton step is made; the robust (Geman-McClure) scale shrinks round by round, which
 /// makes the start all but convex. Samples that lie in front of what the target saw, or on its empty
 /// background, cannot be there and pull harder.
-void align_coarse(const CoarseScans& scans, const std::vector<PosePrior>& priors,
-                  const Eigen::Vector3d& centre, const CoarseOptions& options,
-                  std::vector<Pose>& part_from_grid);
+void align_coarse(const CoarseScans& scans, const Pairs& pairs, const std::vector<PosePrior>& priors,
+                  const Eigen::Vector3d& centre, const CoarseOptions& options, Poses& part_from_grid);
 
 }  // namespace gantry::internal

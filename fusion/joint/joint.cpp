@@ -223,11 +223,14 @@ void coarse_stages(const JointProblem& problem, double start_mm, double shrink, 
   options.end_mm = problem.coarse_end_mm();
   options.shrink = shrink;
   options.samples = samples;
-  align_coarse(problem.coarse, problem.priors, problem.centre, options, poses);
+  align_coarse(problem.coarse, likely_pairs(problem.coarse, poses, start_mm, problem.max_partners),
+               problem.priors, problem.centre, options, poses);
   options.start_mm = problem.coarse_end_mm();
   options.end_mm = problem.medium_end_mm();
   options.start_angle_rad = options.end_angle_rad;
-  align_coarse(problem.medium, problem.priors, problem.centre, options, poses);
+  align_coarse(problem.medium,
+               likely_pairs(problem.medium, poses, problem.coarse_end_mm(), problem.max_partners),
+               problem.priors, problem.centre, options, poses);
 }
 
 /// From roughly right poses to a judged result.

@@ -2,16 +2,36 @@
 
 #include <tbb/parallel_for.h>
 
+#include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
+#include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
 
 namespace gantry::internal {
 namespace {
 
-constexpr size_t kEvidenceSamples = 4000;
+constexpr double kEvidenceSamples = 4000;
 constexpr size_t kWobbleSamples = 2500;
 constexpr double kPush_mm = 2;
+
+/// The two eigenvectors of least eigenvalue of a positive matrix, weakest first, by subspace iteration.
+Eigen::MatrixXd weakest_directions(const Eigen::MatrixXd& matrix) {
+  constexpr Eigen::Index kVectors = 6;
+  const Eigen::Index size = matrix.rows();
+  Eigen::MatrixXd shifted = matrix;
+  shifted.diagonal().array() += 1e-12 * matrix.diagonal().maxCoeff();
+  const Eigen::LDLT<Eigen::MatrixXd> root(shifted);
+  Eigen::MatrixXd basis(size, kVectors);
+  for (Eigen::Index i = 0; i < size; ++i)
+    for (Eigen::Index k = 0; k < kVectors; ++k)
+      basis(i, k) = std::sin(static_cast<double>(1 + (i + 1) * (2 * k + 3)));  // in no special direction
+  for (int round = 0; round < 20; ++round)
+    basis = Eigen::HouseholderQR<Eigen::MatrixXd>(root.solve(basis)).householderQ() *
+            Eigen::MatrixXd::Identity(size, kVectors);
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> small(basis.transpose() * matrix * basis);
+  return basis * small.eigenvectors().leftCols(2);
+}
 
 }  // namespace
 
@@ -26,7 +46,7 @@ Evidence gather_evidence(const JointProblem& problem, const Poses& poses, double
     if (target == source) return;
     const RangeSurface& s = problem.scans[source];
     const int stride = std::max(1, static_cast<int>(std::sqrt(static_cast<double>(s.usable) /
-                                                              static_cast<double>(kEvidenceSamples))));
+                                                              (kEvidenceSamples * problem.share_of_pair()))));
     all[k] = compare(problem.scans[target], s, poses[target].inverse() * poses[source], tolerance_mm, stride);
   });
   for (size_t target = 0; target < n; ++target)
@@ -84,13 +104,12 @@ double wobble_mm(const JointProblem& problem, const Pairs& pairs, const Poses& p
   const auto free = static_cast<Eigen::Index>(6 * (problem.size() - 1));
   Eigen::VectorXd unit(free);
   for (Eigen::Index k = 0; k < free; ++k) unit[k] = k % 6 < 3 ? 1 / problem.radius_mm : 1;
-  const Eigen::MatrixXd scaled =
-      unit.asDiagonal() * equations.hessian().bottomRightCorner(free, free) * unit.asDiagonal();
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(scaled);
+  const Eigen::MatrixXd weak = weakest_directions(
+      unit.asDiagonal() * equations.hessian().bottomRightCorner(free, free) * unit.asDiagonal());
   double worst = -1;
   for (int k = 0; k < 2; ++k) {
     Eigen::VectorXd push = Eigen::VectorXd::Zero(free + 6);
-    push.tail(free) = unit.asDiagonal() * solver.eigenvectors().col(k);
+    push.tail(free) = unit.asDiagonal() * weak.col(k);
     double length = 0;
     for (size_t i = 1; i < problem.size(); ++i) {
       const auto at = static_cast<Eigen::Index>(6 * i);

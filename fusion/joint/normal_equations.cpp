@@ -65,7 +65,10 @@ Eigen::VectorXd NormalEquations::solve() const {
   const Eigen::VectorXd scale = hessian_.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
   Eigen::MatrixXd scaled = scale.asDiagonal() * hessian_ * scale.asDiagonal();
   scaled.diagonal().array() += 1e-12;
-  return scale.asDiagonal() * scaled.ldlt().solve(-(scale.asDiagonal() * gradient_).eval());
+  const Eigen::VectorXd down = -(scale.asDiagonal() * gradient_);
+  const Eigen::LLT<Eigen::MatrixXd> root(scaled);
+  if (root.info() == Eigen::Success) return scale.asDiagonal() * root.solve(down);
+  return scale.asDiagonal() * scaled.ldlt().solve(down);
 }
 
 Pose exp_about(const Eigen::Vector3d& centre, const Vector6d& twist) {

@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numeric>
 
 namespace gantry::internal {
 namespace {
@@ -41,49 +40,26 @@ double variance_of(const std::vector<PairSum>& sums) {
   return weight > 0 ? cost / weight : 0;
 }
 
-size_t find_root(std::vector<size_t>& parent, size_t i) {
-  while (parent[i] != i) i = parent[i] = parent[parent[i]];
-  return i;
-}
-
 }  // namespace
 
 Pairs pairs_with_overlap(const JointProblem& problem, const Poses& poses, double tolerance_mm) {
-  struct Candidate {
-    size_t a, b, matched;
-  };
   const size_t n = problem.size();
-  std::vector<Candidate> candidates;
+  const double samples = 3000 * problem.share_of_pair();
+  std::vector<WeighedPair> candidates;
   for (size_t a = 0; a < n; ++a)
     for (size_t b = a + 1; b < n; ++b) candidates.push_back({a, b, 0});
   tbb::parallel_for(size_t{0}, candidates.size(), [&](size_t k) {
-    Candidate& c = candidates[k];
+    WeighedPair& c = candidates[k];
     for (const auto& [target, source] : {std::pair{c.a, c.b}, {c.b, c.a}}) {
       const RangeSurface& s = problem.scans[source];
-      const int stride = std::max(1, static_cast<int>(std::sqrt(static_cast<double>(s.usable) / 3000)));
+      const int stride = std::max(1, static_cast<int>(std::sqrt(static_cast<double>(s.usable) / samples)));
       const Agreement agreement =
           compare(problem.scans[target], s, poses[target].inverse() * poses[source], tolerance_mm, stride);
       const double all = static_cast<double>(s.usable) / (stride * stride);
-      if (static_cast<double>(agreement.matched) > kLeastOverlap * all) c.matched += agreement.matched;
+      if (static_cast<double>(agreement.matched) > kLeastOverlap * all) c.weight += agreement.matched;
     }
   });
-  std::stable_sort(candidates.begin(), candidates.end(),
-                   [](const Candidate& a, const Candidate& b) { return a.matched > b.matched; });
-  std::vector<size_t> partners(n, 0), parent(n);
-  std::iota(parent.begin(), parent.end(), size_t{0});
-  Pairs pairs;
-  for (const Candidate& c : candidates) {
-    if (c.matched == 0) break;
-    const size_t root_a = find_root(parent, c.a), root_b = find_root(parent, c.b);
-    if (root_a == root_b && partners[c.a] >= problem.max_partners && partners[c.b] >= problem.max_partners)
-      continue;
-    parent[root_a] = root_b;
-    ++partners[c.a];
-    ++partners[c.b];
-    pairs.emplace_back(c.a, c.b);
-  }
-  std::sort(pairs.begin(), pairs.end());
-  return pairs;
+  return strongest_pairs(std::move(candidates), n, problem.max_partners);
 }
 
 std::vector<PairSum> match_all(const JointProblem& problem, const Pairs& pairs, const Poses& poses,

@@ -28,14 +28,15 @@ struct JointProblem {
   size_t max_partners = 16;
 
   size_t size() const { return scans.size(); }
+  /// Of samples that each pair may take so that the time grows with the number of scans, not its square.
+  double share_of_pair() const {
+    return std::min(1.0, static_cast<double>(max_partners) / static_cast<double>(size()));
+  }
   // Where one stage ends and the next begins: what nearest points of a level can tell of its spacing.
   double coarse_end_mm() const { return 0.7 * coarse_mm; }
   double medium_end_mm() const { return 0.55 * medium_mm; }
   double fine_start_mm() const { return 0.7 * medium_mm; }
 };
-
-using Poses = std::vector<Pose>;                       ///< part_from_grid of every scan.
-using Pairs = std::vector<std::pair<size_t, size_t>>;  ///< Unordered pairs, first < second.
 
 /// Pairs that share surface at these poses, at most `max_partners` for each scan but always enough to
 /// connect what can be connected.

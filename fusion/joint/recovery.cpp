@@ -231,7 +231,11 @@ class Recovery {
       std::vector<PosePrior> priors;
       Poses poses;
       CoarseOptions options;
-      for (const size_t c : core_) add(c, poses_[c], coarse, medium, priors, poses);
+      Pairs pairs;
+      for (const size_t c : core_) {
+        pairs.emplace_back(priors.size(), core_.size());
+        add(c, poses_[c], coarse, medium, priors, poses);
+      }
       add(scan, starts[k].pose, coarse, medium, priors, poses);
       options.fixed.assign(core_.size(), true);
       options.fixed.push_back(false);
@@ -239,12 +243,12 @@ class Recovery {
       options.shrink = 0.85;
       options.end_mm = problem_.coarse_end_mm();
       options.samples = 150;
-      align_coarse(coarse, priors, problem_.centre, options, poses);
+      align_coarse(coarse, pairs, priors, problem_.centre, options, poses);
       options.start_mm = problem_.coarse_end_mm();
       options.end_mm = problem_.medium_end_mm();
       options.start_angle_rad = options.end_angle_rad;
       options.samples = 300;
-      align_coarse(medium, priors, problem_.centre, options, poses);
+      align_coarse(medium, pairs, priors, problem_.centre, options, poses);
       placements[k].pose = poses.back();
       placements[k].fit = fit_of_scan(problem_, core_, scan, poses_, poses.back());
     });
