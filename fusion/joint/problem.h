@@ -8,6 +8,7 @@
 #include "joint/coarse.h"
 #include "joint/matches.h"
 #include "joint/normal_equations.h"
+#include "joint/tag_prior.h"
 
 namespace gantry::internal {
 
@@ -18,7 +19,8 @@ struct JointProblem {
   std::vector<CoarseLevel> coarse_levels, medium_levels;
   double coarse_mm = 0, medium_mm = 0;
   CoarseScans coarse, medium;
-  std::vector<PosePrior> priors;
+  TagPrior tag_prior;                                ///< Of all poses together.
+  std::vector<PosePrior> priors;                     ///< Of each alone, for the coarse stages.
   Eigen::Vector3d centre = Eigen::Vector3d::Zero();  ///< Of the part: errors are twists about it.
   double radius_mm = 1;                              ///< Of the part about its centre.
   double noise_mm = 0, spacing_mm = 0;               ///< Medians over the scans.
@@ -46,6 +48,9 @@ Pairs pairs_with_overlap(const JointProblem& problem, const Poses& poses, double
 std::vector<PairSum> match_all(const JointProblem& problem, const Pairs& pairs, const Poses& poses,
                                const MatchGates& gates, std::vector<std::vector<BlockSum>>* blocks = nullptr,
                                std::vector<ActiveBlocks>* active = nullptr);
+
+/// How far each pose is from its tag: errors about the centre, 6 rows a scan.
+Eigen::VectorXd errors_of_tags(const JointProblem& problem, const Poses& poses);
 
 NormalEquations equations_of(const JointProblem& problem, const Pairs& pairs, const Poses& poses,
                              const std::vector<PairSum>& sums, double sigma_mm);
