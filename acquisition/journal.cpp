@@ -60,9 +60,29 @@ nlohmann::json numbers(const Matrix& m) {
 
 template <typename Matrix>
 void read_numbers(const nlohmann::json& json, Matrix& m) {
+  if (json.size() != static_cast<size_t>(m.size()))
+    throw InputError("expected " + std::to_string(m.size()) + " numbers, found " +
+                     std::to_string(json.size()));
   for (Eigen::Index r = 0; r < m.rows(); ++r)
     for (Eigen::Index c = 0; c < m.cols(); ++c)
       m(r, c) = json.at(static_cast<size_t>(r * m.cols() + c)).get<double>();
+}
+
+/// One list of six numbers for each column.
+nlohmann::json columns(const SharedFactor& factor) {
+  nlohmann::json out = nlohmann::json::array();
+  for (const auto& column : factor.colwise()) out.push_back(numbers(column));
+  return out;
+}
+
+SharedFactor read_columns(const nlohmann::json& json) {
+  SharedFactor factor(6, static_cast<Eigen::Index>(json.size()));
+  Vector6d column;
+  for (size_t k = 0; k < json.size(); ++k) {
+    read_numbers(json[k], column);
+    factor.col(static_cast<Eigen::Index>(k)) = column;
+  }
+  return factor;
 }
 
 std::string tag_json(const ScanRecord& record) {
@@ -72,13 +92,13 @@ std::string tag_json(const ScanRecord& record) {
                         {"standstill_s", record.standstill_s},
                         {"standstill_spread", record.standstill_spread},
                         {"part_from_sensor", numbers(record.part_from_sensor.mean.matrix())},
-                        {"covariance_shared", numbers(record.part_from_sensor.shared)},
                         {"covariance_independent", numbers(record.part_from_sensor.independent)},
+                        {"shared_factor", columns(record.part_from_sensor.shared_factor)},
                         {"frame_id", record.frame_id},
                         {"device_timestamp_ns", record.device_timestamp_ns},
                         {"exposure_s", record.exposure_s},
                         {"scanner_serial", record.scanner_serial},
-                        {"calibration_id", record.calibration_id},
+                        {"calibration_id", record.part_from_sensor.calibration_id},
                         {"captured_at", record.captured_at}}
       .dump();
 }
@@ -170,15 +190,22 @@ std::vector<ScanRecord> Journal::scans() const {
       record.standstill_s = tag.at("standstill_s");
       record.standstill_spread = tag.at("standstill_spread");
       read_numbers(tag.at("part_from_sensor"), record.part_from_sensor.mean.matrix());
-      read_numbers(tag.at("covariance_shared"), record.part_from_sensor.shared);
       read_numbers(tag.at("covariance_independent"), record.part_from_sensor.independent);
+      if (tag.contains("shared_factor")) {
+        record.part_from_sensor.shared_factor = read_columns(tag.at("shared_factor"));
+      } else {
+        // A journal from before the factor was recorded: what the views share is not known.
+        Matrix6d shared;
+        read_numbers(tag.at("covariance_shared"), shared);
+        record.part_from_sensor.independent += shared;
+      }
       record.frame_id = tag.at("frame_id");
       record.device_timestamp_ns = tag.at("device_timestamp_ns");
       record.exposure_s = tag.at("exposure_s");
       record.scanner_serial = tag.at("scanner_serial");
-      record.calibration_id = tag.at("calibration_id");
+      record.part_from_sensor.calibration_id = tag.at("calibration_id");
       record.captured_at = tag.at("captured_at");
-    } catch (const nlohmann::json::exception& e) {
+    } catch (const std::exception& e) {
       throw InputError(path_.string() + ": scan of viewpoint " + std::to_string(record.viewpoint) +
                        " has an unreadable tag: " + e.what());
     }

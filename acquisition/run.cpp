@@ -65,11 +65,11 @@ Result<std::pair<Scan, ScanRecord>> scan_viewpoint(const Cell& cell, const Viewp
                        axis.format(record.q_after[i]));
   }
   record.part_from_sensor = cell.chain.uncertain_part_from_sensor(q);
+  record.part_from_sensor.calibration_id = cell.calibration_id;
   record.frame_id = capture->frame_id;
   record.device_timestamp_ns = capture->device_timestamp_ns;
   record.exposure_s = capture->exposure_s;
   record.scanner_serial = scanner.info().serial;
-  record.calibration_id = cell.calibration_id;
   record.captured_at = utc_now();
   return std::pair{std::move(capture->scan), std::move(record)};
 }
@@ -146,7 +146,7 @@ Result<void> execute_plan(const Cell& cell, const Plan& plan, Motion& motion, Sc
     record.viewpoint = static_cast<int>(k);
     record.file = scan_file_name(record.viewpoint);
     observer.stage("storing", k, n);
-    write_scan(folder.path() / record.file, scan, record.part_from_sensor.mean);
+    write_scan(folder.path() / record.file, scan, record.part_from_sensor);
     journal.add_scan(record);
     observer.scan(TaggedScan{view.name, std::move(scan), record.part_from_sensor});
   }

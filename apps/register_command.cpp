@@ -9,10 +9,12 @@
 #include <map>
 #include <nlohmann/json.hpp>
 #include <numbers>
+#include <optional>
 #include <set>
 #include <string>
 #include <vector>
 
+#include "gantry/acquisition/journal.h"
 #include "gantry/fusion/fusion.h"
 #include "gantry/fusion/poses_file.h"
 #include "gantry/fusion/registration_json.h"
@@ -22,11 +24,13 @@ namespace gantry {
 namespace {
 
 constexpr double kRadPerDeg = std::numbers::pi / 180;
+/// How wrong initial poses may be when nothing is said, one sigma: mm and degrees.
+constexpr double kDefaultPrior = 15;
 
 struct Options {
   std::vector<std::filesystem::path> scans;
   std::filesystem::path initial, out;
-  std::vector<double> prior = {15, 15};
+  std::vector<double> prior;
   std::vector<double> crop;
   std::string method = "joint", pairwise, sampling, unit = "mm";
   double voxel_size_mm = 0, m = 0, p = 0, max_distance_threshold_mm = 0, edge_prune_threshold_mm = 0;
@@ -52,17 +56,41 @@ Eigen::Vector3d centre_of(const Scan& scan) {
   return sum / static_cast<double>(scan.valid_count());
 }
 
+/// A scan to read and, of a run, how it was tagged.
+struct Source {
+  std::filesystem::path path;
+  std::optional<UncertainPose> tag;
+};
+
+/// Files as given; a run folder stands for the scans in its journal, in the order of its plan.
+std::vector<Source> sources_of(const std::vector<std::filesystem::path>& given) {
+  std::vector<Source> sources;
+  for (const auto& path : given) {
+    if (!std::filesystem::is_directory(path)) {
+      sources.push_back({path, std::nullopt});
+      continue;
+    }
+    const std::filesystem::path journal = path / "journal.sqlite";
+    if (!std::filesystem::exists(journal))
+      throw InputError(path.string() + ": is no run folder (no journal.sqlite); give its scans one by one");
+    for (const ScanRecord& record : Journal(journal).scans())
+      sources.push_back({path / record.file, record.part_from_sensor});
+  }
+  if (sources.empty()) throw InputError(given.front().string() + ": its journal holds no scan");
+  return sources;
+}
+
 /// File names, or whole paths where these are the same. Throws InputError for a file that is given twice.
-std::vector<std::string> names_of(const std::vector<std::filesystem::path>& paths) {
+std::vector<std::string> names_of(const std::vector<Source>& sources) {
   std::map<std::string, size_t> uses;
   std::set<std::filesystem::path> seen;
-  for (const auto& path : paths) {
+  for (const auto& [path, tag] : sources) {
     ++uses[path.filename().string()];
     if (!seen.insert(std::filesystem::weakly_canonical(path)).second)
       throw InputError(path.string() + ": is given twice");
   }
   std::vector<std::string> names;
-  for (const auto& path : paths)
+  for (const auto& [path, tag] : sources)
     names.push_back(uses[path.filename().string()] > 1 ? path.string() : path.filename().string());
   return names;
 }
@@ -106,23 +134,34 @@ void warn_of_unit(const TaggedScan& scan) {
 
 /// Reads one scan after the other and keeps of each only its range surface.
 FusionResult fuse(const Options& o) {
-  const std::vector<std::string> names = names_of(o.scans);
+  const std::vector<Source> sources = sources_of(o.scans);
+  const std::vector<std::string> names = names_of(sources);
   const double unit_mm = o.unit == "m" ? 1000.0 : 1.0;
   std::vector<Pose> poses;
-  if (!o.initial.empty()) poses = read_poses(o.initial, o.scans.size());
+  if (!o.initial.empty()) poses = read_poses(o.initial, sources.size());
   Fusion fusion(fusion_options(o));
-  for (size_t i = 0; i < o.scans.size(); ++i) {
-    ScanFile file = read_scan(o.scans[i], unit_mm);
-    if (poses.empty() && !file.has_pose)
-      throw InputError(o.scans[i].string() +
+  for (size_t i = 0; i < sources.size(); ++i) {
+    const auto& [path, tag] = sources[i];
+    ScanFile file = read_scan(path, unit_mm);
+    if (poses.empty() && !file.has_pose && !tag)
+      throw InputError(path.string() +
                        ": holds no VIEWPOINT; give the initial poses with --initial POSES.txt");
     TaggedScan scan;
     scan.name = names[i];
-    scan.part_from_sensor.mean = poses.empty() ? file.part_from_sensor : poses[i];
-    scan.part_from_sensor.independent =
-        prior_covariance(scan.part_from_sensor.mean * centre_of(file.scan), o.prior[0], o.prior[1]);
+    scan.part_from_sensor = tag.value_or(file.part_from_sensor);
+    if (!poses.empty()) scan.part_from_sensor.mean = poses[i];
+    // What the scan says of its own pose holds neither for another one nor against what the user says.
+    const bool uncertainty_known = poses.empty() && o.prior.empty() && (tag || file.has_uncertainty);
+    if (!uncertainty_known) {
+      const auto [sigma_mm, sigma_deg] =
+          o.prior.empty() ? std::pair(kDefaultPrior, kDefaultPrior) : std::pair(o.prior[0], o.prior[1]);
+      const Pose mean = scan.part_from_sensor.mean;
+      scan.part_from_sensor = {};
+      scan.part_from_sensor.mean = mean;
+      scan.part_from_sensor.independent = prior_covariance(mean * centre_of(file.scan), sigma_mm, sigma_deg);
+    }
     scan.scan = std::move(file.scan);
-    spdlog::info("scan {} of {}: {}, {} points{}", i + 1, o.scans.size(), scan.name, scan.scan.valid_count(),
+    spdlog::info("scan {} of {}: {}, {} points{}", i + 1, sources.size(), scan.name, scan.scan.valid_count(),
                  scan.scan.organised() ? ", organised" : "");
     fusion.add(scan);
     warn_of_unit(scan);
@@ -210,12 +249,16 @@ RegisterCommand::RegisterCommand(CLI::App& app) : impl_(std::make_unique<Impl>()
                          "Multi-view registration: writes poses.txt, merged.ply and registration.json.\n"
                          "Exit code 4 and a reason when the result is not to be believed.\n"
                          "Example: gantry-fusion register scans/*.pcd --initial POSES.txt --out registered");
-  command->add_option("scans", o.scans, "Scans: PLY (a range_grid makes it organised) or PCD")->required();
+  command
+      ->add_option("scans", o.scans, "Scans: PLY (a range_grid makes it organised) or PCD; or a run folder")
+      ->required();
   command->add_option("--initial", o.initial,
-                      "POSES.txt: a 4x4 world_from_scan in mm for each scan; otherwise each PCD's VIEWPOINT");
+                      "POSES.txt: a 4x4 world_from_scan in mm for each scan; otherwise each scan's own pose: "
+                      "the run's, or the PCD's VIEWPOINT");
   command
       ->add_option("--prior", o.prior,
-                   "Standard deviation of the initial poses about each scan's middle: MM,DEG; default 15,15")
+                   "Standard deviation of the initial poses about each scan's middle: MM,DEG; default: the "
+                   "covariance that scans of a run bring along with their poses, otherwise 15,15")
       ->delimiter(',')
       ->expected(2)
       ->check(number_within(1e-6, 1000));

@@ -79,6 +79,7 @@ void write_registration(const std::filesystem::path& folder, const FusionResult&
   // Only method "joint" has this test: a 0 from others would look like a perfect score.
   json["wobble_mm"] =
       result.method == RegistrationMethod::kJoint ? nlohmann::json(registration.wobble_mm) : nlohmann::json();
+  json["shared_chi_square"] = registration.shared_chi_square;
   std::vector<Pose> poses;
   for (size_t i = 0; i < result.scans.size(); ++i) {
     poses.push_back(result.scans[i].part_from_sensor.mean);

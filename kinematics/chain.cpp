@@ -5,18 +5,42 @@
 namespace gantry {
 namespace {
 
-/// Covariance of a joint's frame error: a small twist at the axis point that tilts the direction and
-/// shifts the axis, without the two motions (along and about the axis) that leave the axis where it is.
-Matrix6d frame_error_covariance(const Joint& joint) {
-  const Eigen::Matrix3d across = Eigen::Matrix3d::Identity() - joint.direction * joint.direction.transpose();
-  Matrix6d local = Matrix6d::Zero();
-  local.topLeftCorner<3, 3>() = joint.direction_sigma_rad * joint.direction_sigma_rad * across;
-  if (joint.kind == JointKind::kRevolute)
-    local.bottomRightCorner<3, 3>() = joint.point_sigma_mm * joint.point_sigma_mm * across;
+/// What a joint's calibrated geometry may be wrong by: small twists of its frame, one column for each
+/// parameter, one standard deviation long. The direction tilts and the axis shifts, each in two ways across
+/// the direction: along and about the axis there is nothing to be wrong. A parameter that is known exactly
+/// has no column.
+SharedFactor frame_errors(const Joint& joint) {
+  const Eigen::Vector3d across[2] = {joint.direction.unitOrthogonal(),
+                                     joint.direction.cross(joint.direction.unitOrthogonal())};
+  SharedFactor columns(6, 0);
+  const auto add = [&](const Eigen::Vector3d& rotation, const Eigen::Vector3d& shift) {
+    columns.conservativeResize(6, columns.cols() + 1);
+    columns.rightCols<1>() << rotation, shift;
+  };
+  if (joint.direction_sigma_rad > 0)
+    for (const Eigen::Vector3d& v : across) add(joint.direction_sigma_rad * v, Eigen::Vector3d::Zero());
+  if (joint.kind == JointKind::kRevolute && joint.point_sigma_mm > 0)
+    for (const Eigen::Vector3d& v : across) add(Eigen::Vector3d::Zero(), joint.point_sigma_mm * v);
   Pose base_from_axis = Pose::Identity();
   base_from_axis.translation() = joint.point_mm;
-  const Matrix6d a = adjoint(base_from_axis);
-  return a * local * a.transpose();
+  return adjoint(base_from_axis) * columns;
+}
+
+/// The same for the sensor's mounting, as twists of the sensor's frame.
+SharedFactor mounting_errors(const Chain& chain) {
+  SharedFactor columns(6, 0);
+  for (int k = 0; k < 6; ++k) {
+    const double sigma = k < 3 ? chain.sensor_rotation_sigma_rad : chain.sensor_position_sigma_mm;
+    if (!(sigma > 0)) continue;
+    columns.conservativeResize(6, columns.cols() + 1);
+    columns.rightCols<1>() = sigma * Vector6d::Unit(k);
+  }
+  return columns;
+}
+
+void append(SharedFactor& factor, const SharedFactor& columns) {
+  factor.conservativeResize(6, factor.cols() + columns.cols());
+  factor.rightCols(columns.cols()) = columns;
 }
 
 }  // namespace
@@ -64,20 +88,16 @@ UncertainPose Chain::uncertain_part_from_sensor(std::span<const double> q) const
   }
   // A frame error e of joint i turns exp(S q) into exp(e) exp(S q) exp(-e); to first order the error of
   // part_from_sensor is Ad(C^-1) (I - Ad(exp(-S q))) e.
+  std::vector<SharedFactor> of_joints(joints.size());
   Pose after = base_from_part_at_zero;
   for (size_t i = joints.size(); i-- > 0;) {
     const Pose motion = pose_exp(joints[i].twist() * q[i]);
     const Matrix6d j = adjoint(after.inverse()) * (Matrix6d::Identity() - adjoint(motion.inverse()));
-    result.shared += j * frame_error_covariance(joints[i]) * j.transpose();
+    of_joints[i] = j * frame_errors(joints[i]);
     after = motion * after;
   }
-  Matrix6d mounting = Matrix6d::Zero();
-  mounting.topLeftCorner<3, 3>().diagonal().setConstant(sensor_rotation_sigma_rad *
-                                                        sensor_rotation_sigma_rad);
-  mounting.bottomRightCorner<3, 3>().diagonal().setConstant(sensor_position_sigma_mm *
-                                                            sensor_position_sigma_mm);
-  const Matrix6d a = adjoint(result.mean);
-  result.shared += a * mounting * a.transpose();
+  for (const SharedFactor& columns : of_joints) append(result.shared_factor, columns);
+  append(result.shared_factor, adjoint(result.mean) * mounting_errors(*this));
   return result;
 }
 

@@ -7,7 +7,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <limits>
 #include <map>
 
 namespace gantry::internal {
@@ -63,20 +62,13 @@ PoseCovariance pose_covariance(const JointProblem& problem, const Pairs& pairs,
     weight += sums[slot].weight;
   }
   const double variance = weight > 0 ? std::max(cost / weight, 1e-12) : 1;
-  for (size_t i = 0; i < n; ++i)
-    equations.add_prior(i, variance * problem.priors[i].information, Vector6d::Zero());
+  equations.add_prior(variance * problem.tag_prior.information(), Eigen::VectorXd::Zero(dimension));
 
   // Scaled to displacements at the part's radius before inverting. Where taking the tilts out left nothing
   // or less, the data say nothing: such directions are given the widest uncertainty that the prior allows.
   Eigen::VectorXd unit(dimension);
   for (Eigen::Index k = 0; k < dimension; ++k) unit[k] = k % 6 < 3 ? 1 / problem.radius_mm : 1;
-  double weakest_prior = std::numeric_limits<double>::max();
-  for (const PosePrior& prior : problem.priors) {
-    const Vector6d u = unit.head<6>();
-    const Matrix6d scaled = u.asDiagonal() * prior.information * u.asDiagonal();
-    weakest_prior = std::min(weakest_prior, Eigen::SelfAdjointEigenSolver<Matrix6d>(scaled).eigenvalues()(0));
-  }
-  const double least = variance * std::max(weakest_prior, 1e-9);
+  const double least = variance * std::max(problem.tag_prior.weakest(unit.head<6>()), 1e-9);
   const Eigen::MatrixXd all = unit.asDiagonal() * equations.hessian() * unit.asDiagonal();
 
   // How far each patch alone moves the poses, and what the prior's own error does.
@@ -95,11 +87,7 @@ PoseCovariance pose_covariance(const JointProblem& problem, const Pairs& pairs,
   const Eigen::MatrixXd inverse = unit.asDiagonal() * solver.eigenvectors() *
                                   solver.eigenvalues().cwiseMax(least).cwiseInverse().asDiagonal() *
                                   solver.eigenvectors().transpose() * unit.asDiagonal();
-  Eigen::MatrixXd of_prior = Eigen::MatrixXd::Zero(dimension, dimension);
-  for (size_t i = 0; i < n; ++i) {
-    const auto at = static_cast<Eigen::Index>(6 * i);
-    of_prior.block<6, 6>(at, at) = variance * variance * problem.priors[i].information;
-  }
+  const Eigen::MatrixXd of_prior = variance * variance * problem.tag_prior.information();
   result.all = moves * moves.transpose() + inverse * of_prior * inverse;
   return result;
 }

@@ -26,8 +26,6 @@ constexpr double kWorstViolation = 0.01;
 constexpr double kWorstWobble_mm = 0.12;
 /// ... or this many standard deviations of the residuals, where sensor and model are worse than that.
 constexpr double kWorstWobbleInSigmas = 1.5;
-/// Chi-square of 6 degrees of freedom at one in a million.
-constexpr double kWorstPriorChiSquare = 38.3;
 /// A scan that moves the others by more, when it is taken out, contradicts them.
 constexpr double kWorstLeaveOneOut_mm = 0.25;
 constexpr double kWorstLeaveOneOutInSigmas = 6;
@@ -40,6 +38,14 @@ constexpr size_t kLeastTested = 100;
 constexpr size_t kFineSamples = 5000, kPolishSamples = 40000;
 constexpr int kCoarsestStep = 16;
 constexpr size_t kCoarsePoints = 200;
+
+/// What chi-square exceeds once in a million times (Wilson and Hilferty 1931).
+double chi_square_limit(double degrees) {
+  constexpr double kOneInAMillion = 4.753;  // of a normal variable
+  if (degrees <= 0) return 0;
+  const double spread = 2 / (9 * degrees);
+  return degrees * std::pow(1 - spread + kOneInAMillion * std::sqrt(spread), 3);
+}
 
 template <typename T>
 T median_of(std::vector<T> values) {
@@ -54,15 +60,6 @@ double normal_variance_of(const RangeSurface& s) {
   const double n = 2 * s.normal_window_px + 1;
   const double spread = n * n * (n * n - 1) / 12 - 6;
   return std::pow(s.noise_mm / s.spacing_mm, 2) / spread;
-}
-
-PosePrior prior_of(const RangeSurface& s, const Eigen::Vector3d& centre) {
-  PosePrior prior;
-  prior.part_from_grid = s.part_from_grid();
-  Matrix6d covariance = shifted_covariance(s.part_from_sensor.covariance(), Eigen::Vector3d::Zero(), centre);
-  covariance.diagonal().array() += 1e-12;  // a tag without any error would make the rest singular
-  prior.information = covariance.inverse();
-  return prior;
 }
 
 void place_centre(JointProblem& problem) {
@@ -123,7 +120,9 @@ JointProblem make_problem(std::span<const RangeSurface> scans, const JointOption
   problem.spacing_mm = median_of(spacing);
   problem.normal_variance = median_of(tilts) / 2;  // the mean of two normals
   if (options.max_partners > 0) problem.max_partners = options.max_partners;
-  for (const RangeSurface& s : scans) problem.priors.push_back(prior_of(s, problem.centre));
+  problem.tag_prior = TagPrior(scans, problem.centre);
+  for (size_t i = 0; i < n; ++i)
+    problem.priors.push_back({scans[i].part_from_grid(), problem.tag_prior.information_of(i)});
   return problem;
 }
 
@@ -281,6 +280,10 @@ std::vector<ParameterChoice> choices_of(const JointProblem& problem, const Joint
            options.coarse_samples > 0 ? "given" : "150 to 2000 serve alike"},
           {"max_partners", static_cast<double>(problem.max_partners),
            options.max_partners > 0 ? "given" : "the scans with most surface in common; more add nothing"},
+          {"shared_parameters", static_cast<double>(problem.tag_prior.parameters()),
+           problem.tag_prior.parameters() > 0
+               ? "calibrated parameters of the cell, whose errors all tagged poses share"
+               : "the tags do not say what their errors share: taken as independent"},
           {"residual_sigma_mm", sigma_mm,
            "of the matches at the end; three times this is the final robust scale"},
           {"part_radius_mm", problem.radius_mm, "nine tenths of the surface lie nearer to the centre"}};
@@ -373,6 +376,8 @@ Registration register_joint(std::span<const RangeSurface> scans, const JointOpti
   }
   result.scans.resize(n);
 
+  const TagPrior::ChiSquare from_tags = problem.tag_prior.chi_square(errors_of_tags(problem, best->poses));
+  result.shared_chi_square = from_tags.shared;
   const PoseCovariance covariance = pose_covariance(problem, pairs, sums, blocks);
   const Pose gauge = tagged[0] * best->poses[0].inverse();
   Matrix6d turn = Matrix6d::Zero();
@@ -390,9 +395,7 @@ Registration register_joint(std::span<const RangeSurface> scans, const JointOpti
     report.free_space_violation = static_cast<double>(a.in_front) / on_data;
     report.opposite_contact = static_cast<double>(a.contact) / on_data;
     report.connected = evidence.connected;
-    const Vector6d error =
-        log_about(problem.centre, best->poses[i] * problem.priors[i].part_from_grid.inverse());
-    report.prior_chi_square = error.dot(problem.priors[i].information * error);
+    report.prior_chi_square = from_tags.own[i];
 
     UncertainPose pose;
     pose.mean = i == 0 ? scans[0].part_from_sensor.mean
@@ -427,19 +430,26 @@ Registration register_joint(std::span<const RangeSurface> scans, const JointOpti
   }
   const double worst_leave_one_out_mm =
       std::max(kWorstLeaveOneOut_mm, kWorstLeaveOneOutInSigmas * best->sigma_mm);
+  const double worst_prior_chi_square = chi_square_limit(6);
   if (result.reason.empty())
     for (size_t i = 0; i < n; ++i) {
       const ScanReport& report = result.scans[i];
-      if (report.prior_chi_square > kWorstPriorChiSquare)
+      if (report.prior_chi_square > worst_prior_chi_square)
         result.reason = text(
             "%s ended further from its tagged pose than the tag's covariance allows "
             "(chi-square %.0f, limit %.0f)",
-            scans[i].name.c_str(), report.prior_chi_square, kWorstPriorChiSquare);
+            scans[i].name.c_str(), report.prior_chi_square, worst_prior_chi_square);
       if (report.leave_one_out_mm > worst_leave_one_out_mm)
         result.reason =
             text("%s contradicts the others: without it they would move by %.2f mm (limit %.2f mm)",
                  scans[i].name.c_str(), report.leave_one_out_mm, worst_leave_one_out_mm);
     }
+  const double worst_shared = chi_square_limit(static_cast<double>(problem.tag_prior.parameters()));
+  if (result.reason.empty() && result.shared_chi_square > worst_shared)
+    result.reason = text(
+        "the scans together ended further from their tagged poses than the stated calibration allows "
+        "(chi-square %.0f, limit %.0f)",
+        result.shared_chi_square, worst_shared);
   if (result.reason.empty() && !uncertain.empty())
     result.reason = text("%s is not held well enough: ", scans[uncertain[0]].name.c_str()) +
                     result.scans[uncertain[0]].observability;

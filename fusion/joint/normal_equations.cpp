@@ -61,6 +61,11 @@ void NormalEquations::add_prior(size_t scan, const Matrix6d& information, const 
   gradient_.segment<6>(s) += information * offset;
 }
 
+void NormalEquations::add_prior(const Eigen::MatrixXd& information, const Eigen::VectorXd& offset) {
+  hessian_ += information;
+  gradient_.noalias() += information * offset;
+}
+
 Eigen::VectorXd NormalEquations::solve() const {
   const Eigen::VectorXd scale = hessian_.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
   Eigen::MatrixXd scaled = scale.asDiagonal() * hessian_ * scale.asDiagonal();
@@ -85,10 +90,15 @@ Vector6d log_about(const Eigen::Vector3d& centre, const Pose& motion) {
   return twist;
 }
 
-Matrix6d shifted_covariance(const Matrix6d& covariance, const Eigen::Vector3d& from,
-                            const Eigen::Vector3d& to) {
+Matrix6d shifted_errors(const Eigen::Vector3d& from, const Eigen::Vector3d& to) {
   Matrix6d shift = Matrix6d::Identity();
   shift.bottomLeftCorner<3, 3>() = -cross_matrix(to - from);
+  return shift;
+}
+
+Matrix6d shifted_covariance(const Matrix6d& covariance, const Eigen::Vector3d& from,
+                            const Eigen::Vector3d& to) {
+  const Matrix6d shift = shifted_errors(from, to);
   return shift * covariance * shift.transpose();
 }
 

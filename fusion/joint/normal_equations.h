@@ -43,6 +43,8 @@ class NormalEquations {
   void add_pair(size_t target, size_t source, const PairSum& sum, double factor = 1);
   /// A factor on one pose alone: cost (error + offset)^T information (error + offset).
   void add_prior(size_t scan, const Matrix6d& information, const Vector6d& offset);
+  /// The same on all poses together, 6 rows a scan.
+  void add_prior(const Eigen::MatrixXd& information, const Eigen::VectorXd& offset);
 
   const Eigen::MatrixXd& hessian() const { return hessian_; }
   const Eigen::VectorXd& gradient() const { return gradient_; }
@@ -59,6 +61,8 @@ class NormalEquations {
 Pose exp_about(const Eigen::Vector3d& centre, const Vector6d& twist);
 /// Inverse of exp_about.
 Vector6d log_about(const Eigen::Vector3d& centre, const Pose& motion);
+/// Turns errors about `from` into those about `to`.
+Matrix6d shifted_errors(const Eigen::Vector3d& from, const Eigen::Vector3d& to);
 /// Turns a covariance of errors about `from` into that of errors about `to`.
 Matrix6d shifted_covariance(const Matrix6d& covariance, const Eigen::Vector3d& from,
                             const Eigen::Vector3d& to);

@@ -159,6 +159,14 @@ std::vector<PairSum> match_all(const JointProblem& problem, const Pairs& pairs, 
   return sums;
 }
 
+Eigen::VectorXd errors_of_tags(const JointProblem& problem, const Poses& poses) {
+  Eigen::VectorXd errors(static_cast<Eigen::Index>(6 * problem.size()));
+  for (size_t i = 0; i < problem.size(); ++i)
+    errors.segment<6>(static_cast<Eigen::Index>(6 * i)) =
+        log_about(problem.centre, poses[i] * problem.priors[i].part_from_grid.inverse());
+  return errors;
+}
+
 NormalEquations equations_of(const JointProblem& problem, const Pairs& pairs, const Poses& poses,
                              const std::vector<PairSum>& sums, double sigma_mm) {
   NormalEquations equations(problem.size());
@@ -166,9 +174,7 @@ NormalEquations equations_of(const JointProblem& problem, const Pairs& pairs, co
     equations.add_pair(pairs[k].first, pairs[k].second, sums[2 * k], 1 / (sigma_mm * sigma_mm));
     equations.add_pair(pairs[k].second, pairs[k].first, sums[2 * k + 1], 1 / (sigma_mm * sigma_mm));
   }
-  for (size_t i = 0; i < problem.size(); ++i)
-    equations.add_prior(i, problem.priors[i].information,
-                        log_about(problem.centre, poses[i] * problem.priors[i].part_from_grid.inverse()));
+  equations.add_prior(problem.tag_prior.information(), errors_of_tags(problem, poses));
   return equations;
 }
 

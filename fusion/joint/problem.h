@@ -9,6 +9,7 @@
 #include "joint/edge_matches.h"
 #include "joint/matches.h"
 #include "joint/normal_equations.h"
+#include "joint/tag_prior.h"
 
 namespace gantry::internal {
 
@@ -20,7 +21,8 @@ struct JointProblem {
   double coarse_mm = 0, medium_mm = 0;
   CoarseScans coarse, medium;
   std::vector<EdgeIndex> edges;
-  std::vector<PosePrior> priors;
+  TagPrior tag_prior;                                ///< Of all poses together.
+  std::vector<PosePrior> priors;                     ///< Of each alone, for the coarse stages.
   Eigen::Vector3d centre = Eigen::Vector3d::Zero();  ///< Of the part: errors are twists about it.
   double radius_mm = 1;                              ///< Of the part about its centre.
   double noise_mm = 0, spacing_mm = 0;               ///< Medians over the scans.
@@ -50,6 +52,9 @@ Pairs pairs_with_overlap(const JointProblem& problem, const Poses& poses, double
 std::vector<PairSum> match_all(const JointProblem& problem, const Pairs& pairs, const Poses& poses,
                                const MatchGates& gates, std::vector<std::vector<BlockSum>>* blocks = nullptr,
                                std::vector<ActiveBlocks>* active = nullptr, double* edge_sigma_mm = nullptr);
+
+/// How far each pose is from its tag: errors about the centre, 6 rows a scan.
+Eigen::VectorXd errors_of_tags(const JointProblem& problem, const Poses& poses);
 
 NormalEquations equations_of(const JointProblem& problem, const Pairs& pairs, const Poses& poses,
                              const std::vector<PairSum>& sums, double sigma_mm);

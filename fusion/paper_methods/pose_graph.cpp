@@ -216,9 +216,8 @@ void add_covariances(const std::vector<UncertainPose>& tagged, const std::vector
   for (size_t i = 1; i < poses.size(); ++i) blocks.emplace_back(x[i].data(), x[i].data());
   const bool computed = covariance.Compute(blocks, &problem);
   for (size_t i = 0; i < poses.size(); ++i) {
+    out[i] = {};
     out[i].mean = poses[i];
-    out[i].shared.setZero();
-    out[i].independent.setZero();
     if (i == 0 || !computed) continue;
     Eigen::Matrix<double, 6, 6, Eigen::RowMajor> block;
     covariance.GetCovarianceBlock(x[i].data(), x[i].data(), block.data());

@@ -127,7 +127,7 @@ TEST(Run, StoresEveryScanWithThePoseOfItsEncoders) {
     EXPECT_EQ(r.viewpoint, static_cast<int>(k));
     EXPECT_EQ(r.viewpoint_name, kAll[k]);
     EXPECT_EQ(r.file, "scans/00" + std::to_string(k + 1) + ".pcd");
-    EXPECT_EQ(r.calibration_id, cell().calibration_id);
+    EXPECT_EQ(r.part_from_sensor.calibration_id, cell().calibration_id);
     EXPECT_EQ(r.scanner_serial, session.scanner->info().serial);
     EXPECT_EQ(r.exposure_s, 0.1);
     EXPECT_GT(r.frame_id, frame_id);
@@ -141,7 +141,7 @@ TEST(Run, StoresEveryScanWithThePoseOfItsEncoders) {
     }
     const UncertainPose expected = cell().chain.uncertain_part_from_sensor(q);
     EXPECT_TRUE(r.part_from_sensor.mean.isApprox(expected.mean, 1e-12));
-    EXPECT_TRUE(r.part_from_sensor.shared.isApprox(expected.shared, 1e-12));
+    EXPECT_TRUE(r.part_from_sensor.shared_factor.isApprox(expected.shared_factor, 1e-12));
     EXPECT_TRUE(r.part_from_sensor.independent.isApprox(expected.independent, 1e-12));
     EXPECT_LT(translation_distance(session.world->true_part_from_sensor_at(q), r.part_from_sensor.mean), 2);
 
@@ -149,7 +149,11 @@ TEST(Run, StoresEveryScanWithThePoseOfItsEncoders) {
     EXPECT_EQ(session.scans[k].part_from_sensor.mean.matrix(), r.part_from_sensor.mean.matrix());
     const ScanFile stored = read_scan(temp / "run" / r.file);
     expect_same(stored.scan, session.scans[k].scan);
-    EXPECT_TRUE(stored.part_from_sensor.isApprox(r.part_from_sensor.mean, 1e-6));
+    ASSERT_TRUE(stored.has_uncertainty) << "the file alone tells all that fusion needs";
+    EXPECT_TRUE(stored.part_from_sensor.mean.isApprox(r.part_from_sensor.mean, 1e-14));
+    EXPECT_EQ(stored.part_from_sensor.shared_factor, r.part_from_sensor.shared_factor);
+    EXPECT_EQ(stored.part_from_sensor.independent, r.part_from_sensor.independent);
+    EXPECT_EQ(stored.part_from_sensor.calibration_id, cell().calibration_id);
   }
 }
 
@@ -178,7 +182,7 @@ TEST(Run, AFaultEndsItAndResumeContinuesWhereItStood) {
   EXPECT_EQ(names(second.scans), kAll) << "the scan of the first session comes first";
   expect_same(second.scans[0].scan, first.scans[0].scan);
   EXPECT_EQ(second.scans[0].part_from_sensor.mean.matrix(), first.scans[0].part_from_sensor.mean.matrix());
-  EXPECT_EQ(second.scans[0].part_from_sensor.shared, first.scans[0].part_from_sensor.shared);
+  EXPECT_EQ(second.scans[0].part_from_sensor.shared_factor, first.scans[0].part_from_sensor.shared_factor);
   ASSERT_EQ(folder.journal().scans().size(), 3u);
   for (size_t k = 0; k < 3; ++k)
     expect_same(read_scan(temp / "run" / folder.journal().scans()[k].file).scan, second.scans[k].scan);

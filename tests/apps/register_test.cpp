@@ -7,6 +7,7 @@
 
 #include "apps/process.h"
 #include "apps/test_cell.h"
+#include "gantry/acquisition/journal.h"
 #include "gantry/geometry/scan_file.h"
 
 namespace gantry::testing {
@@ -279,6 +280,38 @@ TEST_F(Register, PosesOfTheWrongLength) {
   expect_refused(run({scan(0), scan(1)}, {"--initial", *scans_ / "initial.txt"}),
                  {"initial.txt", "holds 8 poses", "2 scans"});
   expect_refused(run({scan(0), scan(1)}, {}), {"scan_00.pcd", "no VIEWPOINT", "--initial"});
+}
+
+TEST_F(Register, ARunIsTakenAsItWasTagged) {
+  const auto initial = poses_in(*scans_ / "initial.txt");
+  std::filesystem::create_directories(folder_ / "run/scans");
+  Journal journal(folder_ / "run/journal.sqlite");
+  for (size_t i = 0; i < kViews; ++i) {
+    ScanRecord record;
+    record.viewpoint = static_cast<int>(i);
+    record.file = "scans/" + std::to_string(i) + ".pcd";
+    record.part_from_sensor.mean = Pose(Eigen::Isometry3d(initial[i]));
+    record.part_from_sensor.independent.diagonal() << 1e-2, 1e-2, 1e-2, 25, 25, 25;
+    record.part_from_sensor.shared_factor = SharedFactor::Constant(6, 3, 1e-3);
+    write_scan(folder_ / ("run/" + record.file), read_scan(scan(i)).scan, record.part_from_sensor);
+    journal.add_scan(record);
+  }
+  const auto shared_parameters = [&] {
+    return result().at("parameters").at("shared_parameters").at("value");
+  };
+  ASSERT_EQ(run({folder_ / "run"}, {"--no-merge"}).exit_code, 0);
+  EXPECT_EQ(shared_parameters(), 3);
+  EXPECT_EQ(result().at("scans").size(), kViews);
+  std::vector<std::string> files;
+  for (size_t i = 0; i < kViews; ++i) files.push_back(folder_ / ("run/scans/" + std::to_string(i) + ".pcd"));
+  ASSERT_EQ(run(files, {"--no-merge"}).exit_code, 0);
+  EXPECT_EQ(shared_parameters(), 3) << "the files alone say the same";
+  ASSERT_EQ(run({folder_ / "run"}, {"--no-merge", "--prior", "5,5"}).exit_code, 0);
+  EXPECT_EQ(shared_parameters(), 0) << "what the user says counts";
+  ASSERT_EQ(run({folder_ / "run"}, {"--no-merge", "--initial", *scans_ / "initial.txt"}).exit_code, 0);
+  EXPECT_EQ(shared_parameters(), 0) << "other poses have another uncertainty";
+  std::filesystem::remove_all(out());
+  expect_refused(run({folder_ / "run/scans"}, {}), {"run/scans", "no run folder"});
 }
 
 TEST_F(Register, ScansWithNothingInCommonAreUndecided) {

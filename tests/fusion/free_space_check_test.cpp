@@ -20,7 +20,7 @@ Views views() {
     const Pose truth = bracket_view(0.4 + 0.6 * static_cast<double>(i), 0.9);
     v.scans.push_back(
         make_range_surface(scan_of(scene, small_sensor(960), truth, i, "view" + std::to_string(i)), {}));
-    v.registration.part_from_sensor.push_back({truth});
+    v.registration.part_from_sensor.emplace_back().mean = truth;
   }
   return v;
 }

@@ -9,6 +9,7 @@
 #include "foundation/expect_input_error.h"
 #include "fusion/scenes.h"
 #include "gantry/fusion/preprocess.h"
+#include "gantry/kinematics/chain.h"
 #include "gantry/sim/parts.h"
 #include "gantry/sim/views.h"
 #include "joint/matches.h"
@@ -149,6 +150,105 @@ TEST(Joint, TagsHoldAPartOfRevolution) {
   const Registration result = register_joint(surfaces, {});
   EXPECT_EQ(result.reason, "");
   EXPECT_LT(worst_mm(scene, surfaces, result), 0.15);
+}
+
+/// A turned part on a rotary table, scanned from the side. The encoder repeats to `repeatability_rad`; where
+/// the axis and the sensor are is known badly, and true by a draw from that.
+struct TurntableScene {
+  Scene scene;
+  std::vector<UncertainPose> tags;
+};
+
+TurntableScene turntable_scene(double repeatability_rad, uint64_t seed) {
+  Chain chain;
+  chain.joints.resize(1);
+  Joint& table = chain.joints[0];
+  table.repeatability = repeatability_rad;
+  table.direction_sigma_rad = 0.1 * kDegree;
+  table.point_sigma_mm = 0.3;
+  chain.sensor_rotation_sigma_rad = 0.1 * kDegree;
+  chain.sensor_position_sigma_mm = 0.3;
+  chain.base_from_sensor = looking_at({0, -450, 200}, {0, 0, 0});
+  std::mt19937 random(seed);
+  std::normal_distribution<double> gauss;
+  const auto gauss3 = [&](double sigma) -> Eigen::Vector3d {
+    const double x = gauss(random), y = gauss(random), z = gauss(random);
+    return sigma * Eigen::Vector3d(x, y, z);
+  };
+  Chain truth = chain;
+  Joint& real = truth.joints[0];
+  real.direction =
+      rotation_exp(gauss3(table.direction_sigma_rad).cwiseProduct(Eigen::Vector3d(1, 1, 0))) * real.direction;
+  real.point_mm += gauss3(table.point_sigma_mm).cwiseProduct(Eigen::Vector3d(1, 1, 0));
+  truth.base_from_sensor.linear() *= rotation_exp(gauss3(chain.sensor_rotation_sigma_rad));
+  truth.base_from_sensor.translation() += gauss3(chain.sensor_position_sigma_mm);
+
+  TurntableScene result;
+  const TriangleMesh part = make_revolved_part(RevolvedFeature::kNone);
+  const RayScene rays(part);
+  for (size_t i = 0; i < 6; ++i) {
+    const double q = static_cast<double>(i) * 60 * kDegree, real_q = q + repeatability_rad * gauss(random);
+    result.tags.push_back(chain.uncertain_part_from_sensor(std::vector{q}));
+    result.scene.truth.push_back(truth.part_from_sensor(std::vector{real_q}));
+    result.scene.scans.push_back(
+        scan_of(rays, small_sensor(600), result.scene.truth.back(), i, "view" + std::to_string(i)));
+  }
+  return result;
+}
+
+/// Worst error and worst stated sigma of any scan's rotation against the first scan about the part's axis z,
+/// about which nothing but the tags holds it.
+std::pair<double, double> about_the_axis(const TurntableScene& t, const Registration& result) {
+  double error = 0, sigma = 0;
+  const Pose gauge = t.scene.truth[0] * result.part_from_sensor[0].mean.inverse();
+  for (size_t i = 1; i < t.scene.truth.size(); ++i) {
+    const Pose left = gauge * result.part_from_sensor[i].mean * t.scene.truth[i].inverse();
+    error = std::max(error, std::abs(rotation_log(left.linear()).z()));
+    sigma = std::max(sigma, std::sqrt(result.part_from_sensor[i].covariance()(2, 2)));
+  }
+  return {error, sigma};
+}
+
+const ParameterChoice& choice(const Registration& result, const std::string& name) {
+  return *std::find_if(result.parameters.begin(), result.parameters.end(),
+                       [&](const ParameterChoice& each) { return each.name == name; });
+}
+
+TEST(Joint, SharedErrorsOfTheTagsLeaveAPartOfRevolutionHeldToTheRepeatability) {
+  constexpr double kRepeatability = 0.004 * kDegree;
+  for (const uint64_t seed : {1, 2}) {
+    SCOPED_TRACE(seed);
+    TurntableScene t = turntable_scene(kRepeatability, seed);
+    std::vector<RangeSurface> surfaces;
+    for (size_t i = 0; i < t.tags.size(); ++i) {
+      t.scene.scans[i].part_from_sensor = t.tags[i];
+      surfaces.push_back(make_range_surface(t.scene.scans[i], {}));
+    }
+    const Registration shared = register_joint(surfaces, {});
+    EXPECT_EQ(shared.reason, "");
+    const auto [error, sigma] = about_the_axis(t, shared);
+    // Two encoder positions make an angle between scans.
+    EXPECT_NEAR(sigma / (std::sqrt(2.0) * kRepeatability), 1.05, 0.15);
+    EXPECT_LT(error, 3 * sigma);
+    EXPECT_LT(worst_mm(t.scene, surfaces, shared), 0.05);
+    for (const ScanReport& scan : shared.scans) EXPECT_LT(scan.prior_chi_square, 8);
+    EXPECT_GT(shared.shared_chi_square, 2);
+    EXPECT_LT(shared.shared_chi_square, 25);
+    EXPECT_EQ(choice(shared, "shared_parameters").value, 10);  // axis: 2 tilts, 2 shifts; sensor: 6
+
+    for (RangeSurface& s : surfaces) {
+      s.part_from_sensor.independent = s.part_from_sensor.covariance();
+      s.part_from_sensor.shared_factor.resize(6, 0);
+    }
+    const Registration independent = register_joint(surfaces, {});
+    const auto [error_without, sigma_without] = about_the_axis(t, independent);
+    EXPECT_GT(sigma_without, 10 * sigma);
+    EXPECT_GT(error_without, 5 * error);
+    EXPECT_LT(error_without, 3 * sigma_without);
+    EXPECT_EQ(independent.shared_chi_square, 0);
+    EXPECT_EQ(choice(independent, "shared_parameters").value, 0);
+    EXPECT_LT(worst_mm(t.scene, surfaces, shared), worst_mm(t.scene, surfaces, independent));
+  }
 }
 
 TEST(Joint, ScansWithNothingInCommonAreUndecided) {

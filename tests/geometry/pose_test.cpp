@@ -126,9 +126,13 @@ TEST_F(PoseTest, PointSigmaAgreesWithMonteCarlo) {
 
 TEST_F(PoseTest, CovarianceIsTheSumOfItsParts) {
   UncertainPose p;
-  p.shared.setConstant(1);
+  EXPECT_EQ(p.covariance(), Matrix6d::Zero());
   p.independent.setConstant(2);
-  EXPECT_EQ(p.covariance(), Matrix6d::Constant(3));
+  EXPECT_EQ(p.shared(), Matrix6d::Zero()) << "nothing is shared unless it is said";
+  EXPECT_EQ(p.covariance(), Matrix6d::Constant(2));
+  p.shared_factor.setConstant(6, 3, 2);
+  EXPECT_EQ(p.shared(), Matrix6d::Constant(12));
+  EXPECT_EQ(p.covariance(), Matrix6d::Constant(14));
   EXPECT_EQ(point_sigma_mm(Matrix6d::Zero(), {1, 2, 3}), 0.0);
 }
 

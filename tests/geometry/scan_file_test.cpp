@@ -77,9 +77,69 @@ TEST_F(ScanFileTest, ViewpointKeepsThePose) {
     write_scan(folder_ / "a.pcd", scan_, pose);
     const ScanFile read = read_scan(folder_ / "a.pcd");
     ASSERT_TRUE(read.has_pose);
-    ASSERT_LT(translation_distance(read.part_from_sensor, pose), 1e-3);
-    ASSERT_LT(rotation_distance(read.part_from_sensor, pose), 1e-5);
+    ASSERT_FALSE(read.has_uncertainty);
+    ASSERT_LT(translation_distance(read.part_from_sensor.mean, pose), 1e-12);
+    ASSERT_LT((read.part_from_sensor.mean.linear() - pose.linear()).norm(), 1e-14);
   }
+}
+
+UncertainPose random_tag(std::mt19937& random, Eigen::Index parameters) {
+  std::normal_distribution<double> gauss;
+  UncertainPose tag;
+  tag.mean = pose_from_position_rpy({100 * gauss(random), 2, 1e-17}, {0.1, gauss(random), 3});
+  tag.independent = Matrix6d::NullaryExpr([&] { return 1e-9 * gauss(random); });
+  tag.shared_factor = SharedFactor::NullaryExpr(6, parameters, [&] { return 1e-3 * gauss(random); });
+  tag.calibration_id = "dial gauge, 2026-01";
+  return tag;
+}
+
+TEST_F(ScanFileTest, TheUncertaintyOfThePoseComesBackExactly) {
+  for (const Eigen::Index parameters : {0, 1, 16}) {
+    const UncertainPose tag = random_tag(random_, parameters);
+    write_scan(folder_ / "a.pcd", scan_, tag);
+    const ScanFile read = read_scan(folder_ / "a.pcd");
+    ASSERT_TRUE(read.has_uncertainty);
+    EXPECT_TRUE(read.part_from_sensor.mean.isApprox(tag.mean, 1e-14));
+    EXPECT_EQ(read.part_from_sensor.independent, tag.independent);
+    EXPECT_EQ(read.part_from_sensor.shared_factor, tag.shared_factor);
+    EXPECT_EQ(read.part_from_sensor.calibration_id, tag.calibration_id);
+    EXPECT_EQ(read.scan.valid_count(), scan_.valid_count());
+
+    // In metres everything is a thousand times larger, but rotations.
+    const ScanFile metres = read_scan(folder_ / "a.pcd", 1000);
+    EXPECT_TRUE(metres.part_from_sensor.mean.translation().isApprox(1000 * tag.mean.translation(), 1e-14));
+    EXPECT_TRUE(
+        metres.part_from_sensor.shared().topLeftCorner(3, 3).isApprox(tag.shared().topLeftCorner(3, 3)));
+    EXPECT_TRUE(metres.part_from_sensor.shared().topRightCorner(3, 3).isApprox(
+        1e3 * tag.shared().topRightCorner(3, 3)));
+    EXPECT_TRUE(metres.part_from_sensor.independent.bottomRightCorner(3, 3).isApprox(
+        1e6 * tag.independent.bottomRightCorner(3, 3)));
+  }
+  UncertainPose at_origin = random_tag(random_, 3);
+  at_origin.mean = Pose::Identity();
+  write_scan(folder_ / "a.pcd", scan_, at_origin);
+  EXPECT_TRUE(read_scan(folder_ / "a.pcd").has_pose) << "a tagged pose may be the identity";
+}
+
+TEST_F(ScanFileTest, AMutilatedUncertaintyIsRefused) {
+  write_scan(folder_ / "a.pcd", scan_, random_tag(random_, 2));
+  const std::string whole = TemporaryFolder::read(folder_ / "a.pcd");
+  const auto refused_without = [&](const std::string& line, const std::string& replacement,
+                                   const std::string& complaint) {
+    std::string bytes = whole;
+    const size_t begin = bytes.find(line), end = bytes.find('\n', begin) + 1;
+    ASSERT_NE(begin, std::string::npos);
+    bytes.replace(begin, end - begin, replacement);
+    const auto path = folder_.write("b.pcd", bytes);
+    expect_input_error([&] { read_scan(path); }, {path.string(), complaint});
+  };
+  refused_without("# gantry independent", "", "expected the 6 rows of a covariance, found 5");
+  refused_without("# gantry independent", "# gantry independent 1 2 3 4 5\n", "expected 6 numbers, found 5");
+  refused_without("# gantry shared", "# gantry shared 1 2 3 4 5 6 7\n",
+                  "'# gantry shared': expected 6 numbers, found 7");
+  refused_without("# gantry shared", "# gantry shared 1 2 x 4 5 6\n", "expected a number, found 'x'");
+  refused_without("# gantry shared", "# gantry shared 1 2 nan 4 5 6\n", "expected a number, found 'nan'");
+  refused_without("VIEWPOINT", "VIEWPOINT 0 0 0 0 0 0 0\n", "not a rigid pose");
 }
 
 TEST_F(ScanFileTest, PlyWithARangeGridIsOrganised) {
@@ -115,9 +175,9 @@ TEST_F(ScanFileTest, MetresAreScaledWithTheirPose) {
   EXPECT_FALSE(read.scan.valid(1));
   EXPECT_TRUE(read.scan.points[1].array().isNaN().all()) << "a gap is NaN in all three coordinates";
   ASSERT_TRUE(read.has_pose);
-  EXPECT_TRUE(read.part_from_sensor.translation().isApprox(Eigen::Vector3d(1000, 0, 500)));
+  EXPECT_TRUE(read.part_from_sensor.mean.translation().isApprox(Eigen::Vector3d(1000, 0, 500)));
   EXPECT_TRUE(
-      read.part_from_sensor.linear().isApprox(Eigen::Vector3d(1, -1, -1).asDiagonal().toDenseMatrix()));
+      read.part_from_sensor.mean.linear().isApprox(Eigen::Vector3d(1, -1, -1).asDiagonal().toDenseMatrix()));
 }
 
 TEST_F(ScanFileTest, BrokenFilesAreNamed) {

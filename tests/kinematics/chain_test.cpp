@@ -160,7 +160,7 @@ TEST_F(ChainTest, IndependentCovarianceIsThatOfJointNoise) {
     const std::vector<double> q = values(c);
     const UncertainPose uncertain = c.uncertain_part_from_sensor(q);
     EXPECT_TRUE(uncertain.mean.isApprox(c.part_from_sensor(q)));
-    EXPECT_EQ(uncertain.shared, Matrix6d::Zero());
+    EXPECT_EQ(uncertain.shared(), Matrix6d::Zero());
     expect_covariance(uncertain.independent, [&] {
       std::vector<double> noisy = q;
       for (size_t i = 0; i < n; ++i) noisy[i] += c.joints[i].repeatability * gauss();
@@ -184,8 +184,8 @@ TEST_F(ChainTest, SharedCovarianceIsThatOfAMiscalibratedCell) {
     const std::vector<double> q = values(c);
     const UncertainPose uncertain = c.uncertain_part_from_sensor(q);
     EXPECT_EQ(uncertain.independent, Matrix6d::Zero());
-    EXPECT_TRUE(uncertain.covariance().isApprox(uncertain.shared));
-    expect_covariance(uncertain.shared, [&] {
+    EXPECT_TRUE(uncertain.covariance().isApprox(uncertain.shared()));
+    expect_covariance(uncertain.shared(), [&] {
       Chain real = c;
       for (auto& j : real.joints) {
         j.point_mm = shifted_across(j.point_mm, j.direction, j.point_sigma_mm);
@@ -198,10 +198,64 @@ TEST_F(ChainTest, SharedCovarianceIsThatOfAMiscalibratedCell) {
   }
 }
 
+/// The chain with one of its parameters wrong by `sigmas`, in the order of the factor's columns (chain.h).
+Chain with_wrong_parameter(Chain c, size_t parameter, double sigmas) {
+  size_t next = 0;
+  const auto is_next = [&](double sigma) { return sigma > 0 && next++ == parameter; };
+  for (Joint& j : c.joints) {
+    const Eigen::Vector3d across[2] = {j.direction.unitOrthogonal(),
+                                       j.direction.cross(j.direction.unitOrthogonal())};
+    const Eigen::Vector3d direction = j.direction;
+    for (const Eigen::Vector3d& v : across)
+      if (is_next(j.direction_sigma_rad))
+        j.direction = rotation_exp(sigmas * j.direction_sigma_rad * v) * direction;
+    if (j.kind == JointKind::kPrismatic) continue;
+    for (const Eigen::Vector3d& v : across)
+      if (is_next(j.point_sigma_mm)) j.point_mm += sigmas * j.point_sigma_mm * v;
+  }
+  Vector6d mounting = Vector6d::Zero();
+  for (int k = 0; k < 6; ++k) {
+    const double sigma = k < 3 ? c.sensor_rotation_sigma_rad : c.sensor_position_sigma_mm;
+    if (is_next(sigma)) mounting[k] = sigmas * sigma;
+  }
+  c.base_from_sensor = c.base_from_sensor * pose_exp(mounting);
+  return c;
+}
+
+TEST_F(ChainTest, SharedFactorAgreesWithNumericDerivatives) {
+  constexpr double kStep = 1e-2;  // sigmas
+  for (int trial = 0; trial < 200; ++trial) {
+    Chain c = chain(trial % 5);
+    Eigen::Index parameters = 0;
+    for (auto& j : c.joints) {
+      const bool revolute = j.kind == JointKind::kRevolute;
+      j.repeatability = 1e-3;
+      j.direction_sigma_rad = random_() % 3 ? 3e-4 : 0;
+      j.point_sigma_mm = random_() % 3 ? 0.05 : 0;
+      parameters += (j.direction_sigma_rad > 0 ? 2 : 0) + (revolute && j.point_sigma_mm > 0 ? 2 : 0);
+    }
+    c.sensor_rotation_sigma_rad = random_() % 3 ? 2e-4 : 0;
+    c.sensor_position_sigma_mm = random_() % 3 ? 0.02 : 0;
+    parameters += (c.sensor_rotation_sigma_rad > 0 ? 3 : 0) + (c.sensor_position_sigma_mm > 0 ? 3 : 0);
+    const std::vector<double> q = values(c);
+    const UncertainPose uncertain = c.uncertain_part_from_sensor(q);
+    ASSERT_EQ(uncertain.shared_factor.cols(), parameters) << "what is known exactly has no column";
+    for (Eigen::Index k = 0; k < parameters; ++k) {
+      const auto at = [&](double sigmas) {
+        const Chain wrong = with_wrong_parameter(c, static_cast<size_t>(k), sigmas);
+        return error_of(wrong.part_from_sensor(q), uncertain.mean);
+      };
+      const Vector6d numeric = (at(kStep) - at(-kStep)) / (2 * kStep),
+                     column = uncertain.shared_factor.col(k);
+      ASSERT_LT((numeric - column).norm(), 1e-5 * (1e-3 + column.norm())) << "parameter " << k;
+    }
+  }
+}
+
 TEST_F(ChainTest, AtZeroTheJointsGeometryDoesNotMatter) {
   Chain c = chain(4);
   for (auto& j : c.joints) j.direction_sigma_rad = j.point_sigma_mm = 1;
-  EXPECT_LT(c.uncertain_part_from_sensor(std::vector<double>(4, 0.0)).shared.norm(), 1e-9);
+  EXPECT_LT(c.uncertain_part_from_sensor(std::vector<double>(4, 0.0)).shared().norm(), 1e-9);
 }
 
 TEST_F(ChainTest, OneValueForEachJointIsNeeded) {

@@ -76,7 +76,7 @@ TEST_F(World, ForwardKinematicsIsGoodButNotPerfect) {
 TEST_F(World, ItsErrorsAreThoseThatTheChainsCovarianceStates) {
   for (const auto& q : kPositions) {
     // Stages that stand exactly at q have no repeatability: the shared part is all.
-    const Matrix6d covariance = cell().chain.uncertain_part_from_sensor(q).shared;
+    const Matrix6d covariance = cell().chain.uncertain_part_from_sensor(q).shared();
     const Eigen::LDLT<Matrix6d> information(covariance);
     double sum = 0, sum2 = 0;
     Vector6d mean = Vector6d::Zero();

@@ -20,12 +20,11 @@ struct ScanRecord {
   std::vector<double> q_before, q_after;  ///< Encoder positions before and after exposure, mm or rad.
   double standstill_s = 0;       ///< How long the axes were watched to stand still before exposure ...
   double standstill_spread = 0;  ///< ... and their largest range, in units of the in-position band.
-  UncertainPose part_from_sensor;
+  UncertainPose part_from_sensor;  ///< With the calibration's id.
   uint64_t frame_id = 0;
   uint64_t device_timestamp_ns = 0;
   double exposure_s = 0;
   std::string scanner_serial;
-  std::string calibration_id;
   std::string captured_at;  ///< ISO 8601, UTC.
 };
 

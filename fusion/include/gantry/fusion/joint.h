@@ -32,9 +32,11 @@ struct JointOptions {
 ///     global proposals scan by scan (global_initialisation.h); what still fails is returned with a
 ///     reason, never as a success.
 ///
-/// Tagged poses enter with their covariance as factors. Covariances of the result are those of errors
-/// relative to the first scan, by the sandwich formula over blocks of surface (joint/covariance.h).
-/// The same on any number of threads. Throws InputError for options out of range or no scan at all.
+/// Tagged poses enter with their covariance, as one factor on all scans together: errors that the scans
+/// share (UncertainPose::shared_factor) leave their relative poses known (joint/tag_prior.h). Covariances of
+/// the result are those of errors relative to the first scan, by the sandwich formula over blocks of surface
+/// (joint/covariance.h). The same on any number of threads. Throws InputError for options out of range, no
+/// scan at all, or shared factors of different calibrations or numbers of parameters.
 Registration register_joint(std::span<const RangeSurface> scans, const JointOptions& options);
 
 }  // namespace gantry

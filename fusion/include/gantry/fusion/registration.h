@@ -44,10 +44,11 @@ struct ScanReport {
   size_t matches = 0;               ///< Pixels that found a partner, over all its pairs.
   double free_space_violation = 0;  ///< Fraction that lies in front of what another scan saw there.
   double opposite_contact = 0;      ///< Fraction that lies on a surface facing the other way.
-  double prior_chi_square = 0;      ///< Of the tagged pose's error, 6 degrees of freedom.
-  double leave_one_out_mm = 0;      ///< How far the other scans would move without this one.
-  bool connected = true;            ///< Shares surface with the first scan, directly or through others.
-  std::string observability;        ///< Directions in which it could slide or turn, or how well it is fixed.
+  /// Of the tagged pose's own error (after what all scans share, see Registration), 6 degrees of freedom.
+  double prior_chi_square = 0;
+  double leave_one_out_mm = 0;  ///< How far the other scans would move without this one.
+  bool connected = true;        ///< Shares surface with the first scan, directly or through others.
+  std::string observability;    ///< Directions in which it could slide or turn, or how well it is fixed.
 };
 
 /// The outcome of any method: a pose for each scan, in the order given; the first scan's is kept as tagged.
@@ -57,7 +58,10 @@ struct Registration {
   bool converged = false;
   std::string reason;  ///< Why the result is not to be believed; empty: it is.
   int iterations = 0;
-  std::vector<ScanReport> scans;            ///< Empty for methods that do not judge themselves.
+  std::vector<ScanReport> scans;  ///< Empty for methods that do not judge themselves.
+  /// Of the common error of all tagged poses (UncertainPose::shared_factor) that explains the result best:
+  /// at most as many degrees of freedom as there are shared parameters. 0 without these.
+  double shared_chi_square = 0;
   double wobble_mm = 0;                     ///< See joint/judgement.h; 0 for methods without this test.
   std::string way;                          ///< Which of a method's ways led to the result.
   std::vector<ParameterChoice> parameters;  ///< For the log.

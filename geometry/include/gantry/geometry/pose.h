@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
+#include <string>
 
 namespace gantry {
 
@@ -34,17 +35,33 @@ Pose pose_from_position_rpy(const Eigen::Vector3d& position_mm, const Eigen::Vec
 double rotation_distance(const Pose& a, const Pose& b);
 double translation_distance(const Pose& a, const Pose& b);
 
-/// A pose with its uncertainty. The true pose is pose_exp(error) * mean, where `error` has the given
-/// covariance: errors live in the *target* frame (for part_from_sensor: rotations about the part's
-/// origin). The covariance has two parts, because views of one run share the first but not the second:
-/// `shared` comes from parameters common to all views (calibrated geometry, sensor mounting),
-/// `independent` from what is drawn anew at every move (repeatability).
+/// What the errors of several poses have in common, column by column, see UncertainPose.
+using SharedFactor = Eigen::Matrix<double, 6, Eigen::Dynamic>;
+
+/// A pose with its uncertainty. The true pose is pose_exp(error) * mean, where errors live in the *target*
+/// frame (for part_from_sensor: rotations about the part's origin). An error has two parts, because views of
+/// one run share the one but not the other:
+///
+///   error = shared_factor * z + own
+///
+/// z are the errors of the cell's calibrated parameters (directions and positions of axes, the sensor's
+/// mounting), in units of their standard deviation and independent of each other: *one* z for all poses of a
+/// calibration, whatever it is. So a column of `shared_factor` is how far one parameter, wrong by one sigma,
+/// moves this pose; with parameters that are correlated it is the Jacobian times the Cholesky factor of their
+/// covariance. `own` is drawn anew for every pose (repeatability) and has covariance `independent`.
+///
+/// The more of the error is shared, the better poses are known relative to each other: what one parameter
+/// does to all of them cannot set one against another. Two poses may be compared column by column only if
+/// these stand for the same parameters in the same order, which is what an equal `calibration_id` means.
 struct UncertainPose {
   Pose mean = Pose::Identity();
-  Matrix6d shared = Matrix6d::Zero();
+  /// 6 x (number of parameters); 6 x 0 where nothing is known to be shared.
+  SharedFactor shared_factor;
   Matrix6d independent = Matrix6d::Zero();
+  std::string calibration_id;  ///< Of the parameters that the columns stand for; may be empty.
 
-  Matrix6d covariance() const { return shared + independent; }
+  Matrix6d shared() const { return shared_factor * shared_factor.transpose(); }
+  Matrix6d covariance() const { return shared() + independent; }
 };
 
 /// Standard deviation (mm) of where a point lands that is carried by a pose with this covariance:

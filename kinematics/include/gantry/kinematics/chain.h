@@ -48,8 +48,9 @@ struct Chain {
   /// d(error of part_from_sensor)/dq, 6 x n; errors as in UncertainPose (target frame).
   Eigen::Matrix<double, 6, Eigen::Dynamic> joint_jacobian(std::span<const double> q) const;
 
-  /// Forward kinematics with first-order covariance: repeatability makes the independent part;
-  /// directions, positions and mounting make the shared part.
+  /// Forward kinematics with first-order covariance: repeatability makes the independent part. Columns of
+  /// the shared factor, where the sigma is not zero: of each joint two tilts of the direction and
+  /// (revolute) two shifts of the axis; then rotations and shifts of the sensor, x y z each.
   UncertainPose uncertain_part_from_sensor(std::span<const double> q) const;
 };
 
