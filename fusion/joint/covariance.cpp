@@ -2,12 +2,12 @@
 
 #include <tbb/parallel_for.h>
 
-#include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <map>
+
+#include "joint/leave_out.h"
 
 namespace gantry::internal {
 namespace {
@@ -48,16 +48,12 @@ PoseCovariance pose_covariance(const JointProblem& problem, const Pairs& pairs,
     }
   }
   result.patches = patches.size();
-  const auto add = [&](NormalEquations& equations, size_t slot, const PairSum& sum, double factor) {
-    const auto& [a, b] = pairs[slot / 2];
-    equations.add_pair(slot % 2 == 0 ? a : b, slot % 2 == 0 ? b : a, sum, factor);
-  };
-
   // Weights are 1 at the centre of the loss; the prior is scaled to match.
   NormalEquations equations(n);
   double cost = 0, weight = 0;
   for (size_t slot = 0; slot < sums.size(); ++slot) {
-    add(equations, slot, sums[slot], 1);
+    const auto& [a, b] = pairs[slot / 2];
+    equations.add_pair(slot % 2 == 0 ? a : b, slot % 2 == 0 ? b : a, sums[slot]);
     cost += sums[slot].cost;
     weight += sums[slot].weight;
   }
@@ -69,24 +65,39 @@ PoseCovariance pose_covariance(const JointProblem& problem, const Pairs& pairs,
   Eigen::VectorXd unit(dimension);
   for (Eigen::Index k = 0; k < dimension; ++k) unit[k] = k % 6 < 3 ? 1 / problem.radius_mm : 1;
   const double least = variance * std::max(problem.tag_prior.weakest(unit.head<6>()), 1e-9);
-  const Eigen::MatrixXd all = unit.asDiagonal() * equations.hessian() * unit.asDiagonal();
+  Eigen::MatrixXd all = unit.asDiagonal() * equations.hessian() * unit.asDiagonal();
+  all.diagonal().array() += least;
+  const LeaveOut leave_out(all);
 
   // How far each patch alone moves the poses, and what the prior's own error does.
   std::vector<const std::map<size_t, PairSum>*> order;
   for (const auto& [key, patch] : patches) order.push_back(&patch);
   Eigen::MatrixXd moves(dimension, static_cast<Eigen::Index>(order.size()));
   tbb::parallel_for(size_t{0}, order.size(), [&](size_t p) {
-    NormalEquations its(n);
-    for (const auto& [slot, sum] : *order[p]) add(its, slot, sum, 1);
-    Eigen::MatrixXd rest = all - unit.asDiagonal() * its.hessian() * unit.asDiagonal();
-    rest.diagonal().array() += least;
-    moves.col(static_cast<Eigen::Index>(p)) =
-        unit.asDiagonal() * rest.ldlt().solve((unit.asDiagonal() * its.gradient()).eval());
+    std::vector<size_t> scans;
+    for (const auto& [slot, sum] : *order[p]) {
+      scans.push_back(pairs[slot / 2].first);
+      scans.push_back(pairs[slot / 2].second);
+    }
+    std::sort(scans.begin(), scans.end());
+    scans.erase(std::unique(scans.begin(), scans.end()), scans.end());
+    const auto place = [&](size_t scan) {
+      return static_cast<size_t>(std::lower_bound(scans.begin(), scans.end(), scan) - scans.begin());
+    };
+    NormalEquations its(scans.size());
+    for (const auto& [slot, sum] : *order[p]) {
+      const auto& [a, b] = pairs[slot / 2];
+      its.add_pair(place(slot % 2 == 0 ? a : b), place(slot % 2 == 0 ? b : a), sum, 1);
+    }
+    const auto size = static_cast<Eigen::Index>(6 * scans.size());
+    const Eigen::MatrixXd part = unit.head(size).asDiagonal() * its.hessian() * unit.head(size).asDiagonal();
+    Eigen::VectorXd gradient = Eigen::VectorXd::Zero(dimension);
+    for (size_t k = 0; k < scans.size(); ++k)
+      gradient.segment<6>(static_cast<Eigen::Index>(6 * scans[k])) =
+          unit.head<6>().asDiagonal() * its.gradient().segment<6>(static_cast<Eigen::Index>(6 * k));
+    moves.col(static_cast<Eigen::Index>(p)) = unit.asDiagonal() * leave_out.solve(scans, part, gradient);
   });
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(all);
-  const Eigen::MatrixXd inverse = unit.asDiagonal() * solver.eigenvectors() *
-                                  solver.eigenvalues().cwiseMax(least).cwiseInverse().asDiagonal() *
-                                  solver.eigenvectors().transpose() * unit.asDiagonal();
+  const Eigen::MatrixXd inverse = unit.asDiagonal() * leave_out.inverse() * unit.asDiagonal();
   const Eigen::MatrixXd of_prior = variance * variance * problem.tag_prior.information();
   result.all = moves * moves.transpose() + inverse * of_prior * inverse;
   return result;

@@ -11,6 +11,7 @@
 #include "gantry/foundation/error.h"
 #include "joint/covariance.h"
 #include "joint/judgement.h"
+#include "joint/leave_out.h"
 #include "joint/problem.h"
 #include "joint/recovery.h"
 #include "joint/words.h"
@@ -245,11 +246,30 @@ void refine_and_judge(const JointProblem& problem, double start_mm, Attempt& att
 std::vector<double> leave_one_out(const JointProblem& problem, const Pairs& pairs, const Poses& poses,
                                   const std::vector<PairSum>& sums, double sigma_mm) {
   std::vector<double> moved(problem.size(), 0);
+  const NormalEquations equations = equations_of(problem, pairs, poses, sums, sigma_mm);
+  const Eigen::VectorXd unit = equations.hessian().diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
+  Eigen::MatrixXd scaled = unit.asDiagonal() * equations.hessian() * unit.asDiagonal();
+  scaled.diagonal().array() += 1e-12;
+  const LeaveOut leave_out(scaled);
   for (size_t left_out = 0; left_out < problem.size(); ++left_out) {
-    std::vector<PairSum> rest = sums;
-    for (size_t k = 0; k < pairs.size(); ++k)
-      if (pairs[k].first == left_out || pairs[k].second == left_out) rest[2 * k] = rest[2 * k + 1] = {};
-    const Eigen::VectorXd step = equations_of(problem, pairs, poses, rest, sigma_mm).solve();
+    std::vector<size_t> scans;
+    NormalEquations its(problem.size());
+    for (size_t k = 0; k < pairs.size(); ++k) {
+      const auto& [a, b] = pairs[k];
+      if (a != left_out && b != left_out) continue;
+      its.add_pair(a, b, sums[2 * k], 1 / (sigma_mm * sigma_mm));
+      its.add_pair(b, a, sums[2 * k + 1], 1 / (sigma_mm * sigma_mm));
+      scans.push_back(a == left_out ? b : a);
+    }
+    if (scans.empty()) continue;
+    scans.push_back(left_out);
+    std::vector<Eigen::Index> rows;
+    for (const size_t scan : scans)
+      for (Eigen::Index k = 0; k < 6; ++k) rows.push_back(static_cast<Eigen::Index>(6 * scan) + k);
+    const Eigen::VectorXd its_unit = unit(rows);
+    const Eigen::MatrixXd part = its_unit.asDiagonal() * its.hessian()(rows, rows) * its_unit.asDiagonal();
+    const Eigen::VectorXd down = -(equations.gradient() - its.gradient());
+    const Eigen::VectorXd step = unit.asDiagonal() * leave_out.solve(scans, part, unit.asDiagonal() * down);
     const size_t base = left_out == 0 ? 1 : 0;
     for (size_t i = 0; i < problem.size(); ++i) {
       // Scans that hang on this one alone are free without it, which is no contradiction.

@@ -1,0 +1,24 @@
+#include "joint/leave_out.h"
+
+#include <Eigen/Cholesky>
+#include <Eigen/LU>
+
+namespace gantry::internal {
+
+LeaveOut::LeaveOut(const Eigen::MatrixXd& hessian)
+    : inverse_(hessian.llt().solve(Eigen::MatrixXd::Identity(hessian.rows(), hessian.cols()))) {}
+
+Eigen::VectorXd LeaveOut::solve(const std::vector<size_t>& scans, const Eigen::MatrixXd& part,
+                                const Eigen::VectorXd& b) const {
+  std::vector<Eigen::Index> rows;
+  for (const size_t scan : scans)
+    for (Eigen::Index k = 0; k < 6; ++k) rows.push_back(static_cast<Eigen::Index>(6 * scan) + k);
+  const Eigen::VectorXd with = inverse_ * b;
+  const Eigen::MatrixXd columns = inverse_(Eigen::all, rows);
+  const Eigen::MatrixXd small =
+      Eigen::MatrixXd::Identity(part.rows(), part.cols()) - columns(rows, Eigen::all) * part;
+  const Eigen::VectorXd at_scans = small.partialPivLu().solve(with(rows));
+  return with + columns * (part * at_scans);
+}
+
+}  // namespace gantry::internal
