@@ -6,6 +6,9 @@
 namespace gantry::internal {
 namespace {
 
+/// A wall's two faces touch when they are this near to each other, of the tolerance: noise must not let walls
+/// that are thinner than the tolerance touch.
+constexpr float kContact = 0.3f;
 /// Nothing measured within this many pixels: the target saw through here.
 constexpr int kEmptyPixels = 6;
 
@@ -236,7 +239,7 @@ Agreement compare(const RangeSurface& target, const RangeSurface& source, const 
     } else if (agree > 0.7f) {
       ++result.matched;
       result.squares += static_cast<double>(d) * d;
-    } else if (agree < -0.5f) {
+    } else if (agree < -0.5f && std::abs(d) < kContact * tolerance) {
       ++result.contact;
     }
   });
