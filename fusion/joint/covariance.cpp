@@ -2,6 +2,7 @@
 
 #include <tbb/parallel_for.h>
 
+#include <Eigen/Cholesky>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -14,6 +15,8 @@ namespace {
 
 /// Many times what shares a measured pixel: creases, along which interpolation errs alike, are longer.
 constexpr double kLeastPatch_px = 64;
+/// With fewer than a dozen patches in effect no factor is right.
+constexpr double kMostEnlarged = 3;
 
 using PatchKey = std::array<int, 3>;
 
@@ -21,7 +24,20 @@ using PatchKey = std::array<int, 3>;
 
 Matrix6d PoseCovariance::of(size_t scan) const {
   const auto i = static_cast<Eigen::Index>(6 * scan);
-  return all.block<6, 6>(i, i) + all.block<6, 6>(0, 0) - all.block<6, 6>(i, 0) - all.block<6, 6>(0, i);
+  const Eigen::Matrix<double, 6, Eigen::Dynamic> its = moves.middleRows<6>(i) - moves.topRows<6>();
+  const Matrix6d data = its * its.transpose();
+  const Matrix6d prior = of_prior.block<6, 6>(i, i) + of_prior.block<6, 6>(0, 0) -
+                         of_prior.block<6, 6>(i, 0) - of_prior.block<6, 6>(0, i);
+  // Radians and millimetres differ: unit diagonal first.
+  const Vector6d scale = data.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
+  const Matrix6d scaled = scale.asDiagonal() * data * scale.asDiagonal();
+  const Eigen::LLT<Matrix6d> root((scaled + 1e-9 * Matrix6d::Identity()).eval());
+  const Eigen::VectorXd shares =
+      root.matrixL().solve(scale.asDiagonal() * its).colwise().squaredNorm().transpose();
+  const double effective = shares.squaredNorm() > 0 ? shares.sum() * shares.sum() / shares.squaredNorm() : 0;
+  const double enlarged =
+      std::min(kMostEnlarged, effective > 7 ? effective / (effective - 7) : kMostEnlarged);
+  return enlarged * data + prior;
 }
 
 PoseCovariance pose_covariance(const JointProblem& problem, const Pairs& pairs,
@@ -47,7 +63,6 @@ PoseCovariance pose_covariance(const JointProblem& problem, const Pairs& pairs,
       sum.gradient += block.gradient.cast<double>();
     }
   }
-  result.patches = patches.size();
   // Weights are 1 at the centre of the loss; the prior is scaled to match.
   NormalEquations equations(n);
   double cost = 0, weight = 0;
@@ -72,7 +87,7 @@ PoseCovariance pose_covariance(const JointProblem& problem, const Pairs& pairs,
   // How far each patch alone moves the poses, and what the prior's own error does.
   std::vector<const std::map<size_t, PairSum>*> order;
   for (const auto& [key, patch] : patches) order.push_back(&patch);
-  Eigen::MatrixXd moves(dimension, static_cast<Eigen::Index>(order.size()));
+  result.moves.resize(dimension, static_cast<Eigen::Index>(order.size()));
   tbb::parallel_for(size_t{0}, order.size(), [&](size_t p) {
     std::vector<size_t> scans;
     for (const auto& [slot, sum] : *order[p]) {
@@ -95,11 +110,11 @@ PoseCovariance pose_covariance(const JointProblem& problem, const Pairs& pairs,
     for (size_t k = 0; k < scans.size(); ++k)
       gradient.segment<6>(static_cast<Eigen::Index>(6 * scans[k])) =
           unit.head<6>().asDiagonal() * its.gradient().segment<6>(static_cast<Eigen::Index>(6 * k));
-    moves.col(static_cast<Eigen::Index>(p)) = unit.asDiagonal() * leave_out.solve(scans, part, gradient);
+    result.moves.col(static_cast<Eigen::Index>(p)) =
+        unit.asDiagonal() * leave_out.solve(scans, part, gradient);
   });
   const Eigen::MatrixXd inverse = unit.asDiagonal() * leave_out.inverse() * unit.asDiagonal();
-  const Eigen::MatrixXd of_prior = variance * variance * problem.tag_prior.information();
-  result.all = moves * moves.transpose() + inverse * of_prior * inverse;
+  result.of_prior = inverse * (variance * variance * problem.tag_prior.information()) * inverse;
   return result;
 }
 

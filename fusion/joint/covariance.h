@@ -15,11 +15,15 @@ namespace gantry::internal {
 /// windows) or errs alike (interpolation along a crease, a sensor's local distortion) falls into one patch,
 /// mostly. Leaving patch p out would move the poses by d_p = (H - H_p)^-1 g_p; the covariance is the sum of
 /// d_p d_p^T over the patches (cluster jackknife, CR3; Bell and McCaffrey 2002). It takes noise and the
-/// model's errors as they are, and knows when a few patches alone hold a direction. H is without what noise
-/// in the normals pretends to know (matches.h).
+/// model's errors as they are, and knows when a few patches alone hold a direction. H is the second
+/// derivative of the robust costs, without what noise in the normals pretends to know (normal_equations.h).
+///
+/// A sum over few patches is itself uncertain: with nu of them in effect (Satterthwaite), the inverse of what
+/// they show is nu / (nu - 7) of the true one in the mean (six dimensions; inverse Wishart), and the
+/// covariance is enlarged by that.
 struct PoseCovariance {
-  Eigen::MatrixXd all;  ///< 6 n x 6 n.
-  size_t patches = 0;
+  Eigen::MatrixXd moves;     ///< d_p of every patch, 6 n rows.
+  Eigen::MatrixXd of_prior;  ///< What the prior's own error adds, 6 n x 6 n.
   double patch_mm = 0;
   Matrix6d of(size_t scan) const;  ///< Errors of one scan against scan 0.
 };

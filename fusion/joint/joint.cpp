@@ -388,9 +388,13 @@ Registration register_joint(std::span<const RangeSurface> scans, const JointOpti
   std::vector<PairSum> sums;
   std::vector<std::vector<BlockSum>> blocks;
   if (!pairs.empty()) {
+    const auto step_by = [&](const std::vector<PairSum>& by) {
+      apply_step(problem, equations_of(problem, pairs, best->poses, by, best->sigma_mm).solve(), best->poses);
+    };
+    step_by(match_all(problem, pairs, best->poses, gates, nullptr, &active));
     sums = match_all(problem, pairs, best->poses, gates, &blocks, &active);
     const std::vector<double> others = leave_one_out(problem, pairs, best->poses, sums, best->sigma_mm);
-    apply_step(problem, equations_of(problem, pairs, best->poses, sums, best->sigma_mm).solve(), best->poses);
+    step_by(sums);
     result.scans.resize(n);
     for (size_t i = 0; i < n; ++i) result.scans[i].leave_one_out_mm = others[i];
   }

@@ -75,8 +75,8 @@ GANTRY_MULTIVERSION void look(const Setup& s, int count, MatchKernel::Falls& __r
 /// What the sums are made of, match by match; gated ones have weight 0.
 struct Terms {
   alignas(64) float a[6][MatchKernel::kMost], arm[3][MatchKernel::kMost];
-  alignas(64) float r[MatchKernel::kMost], weight[MatchKernel::kMost], cost[MatchKernel::kMost],
-      one[MatchKernel::kMost];
+  alignas(64) float r[MatchKernel::kMost], weight[MatchKernel::kMost], stiffness[MatchKernel::kMost],
+      cost[MatchKernel::kMost], one[MatchKernel::kMost];
 };
 
 GANTRY_MULTIVERSION void terms_of(const Setup& s, const MatchKernel::Pairs& in, Terms& __restrict out) {
@@ -103,6 +103,7 @@ GANTRY_MULTIVERSION void terms_of(const Setup& s, const MatchKernel::Pairs& in, 
     out.a[5][k] = nz;
     out.r[k] = d;
     out.weight[k] = ok * loss * loss;
+    out.stiffness[k] = ok * loss * loss * (4 * loss - 3);
     out.cost[k] = ok * loss * d * d;
     out.one[k] = ok;
   }
@@ -139,6 +140,7 @@ GANTRY_MULTIVERSION void reduce(const Terms& t, int count, MatchKernel::Sums& su
     sums.place[i] = dot(t.one, t.arm[i], count);
   }
   sums.weight = sum_of(t.weight, count);
+  sums.stiffness = sum_of(t.stiffness, count);
   sums.cost = sum_of(t.cost, count);
   sums.matches = sum_of(t.one, count);
 }

@@ -41,7 +41,7 @@ struct MatchKernel {
   /// Sums over the matches: see PairSum; `squares` is the upper triangle of sum w arm arm^T.
   struct Sums {
     float hessian[21], gradient[6], arms[3], squares[6], place[3];
-    float weight, cost, matches;
+    float weight, stiffness, cost, matches;
   };
 
   void project(Pixels& pixels, Falls& falls) const;

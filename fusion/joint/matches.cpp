@@ -126,6 +126,7 @@ void add_block(const MatchKernel::Sums& block, PairSum& sum, Eigen::Vector3d& ar
     }
   }
   sum.weight += block.weight;
+  sum.stiffness += block.stiffness;
   sum.cost += block.cost;
   sum.matches += static_cast<size_t>(block.matches);
 }

@@ -2,12 +2,16 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
+#include <algorithm>
 
 namespace gantry::internal {
 namespace {
 
 /// A direction of which so much is pretence is not believed at all: the variance of the tilts is an estimate.
 constexpr double kMostPretence = 0.67;
+
+/// Far from the minimum the robust cost is not convex.
+constexpr double kLeastStiffness = 0.4;
 
 }  // namespace
 
@@ -16,9 +20,17 @@ PairSum& PairSum::operator+=(const PairSum& o) {
   tilts += o.tilts;
   gradient += o.gradient;
   weight += o.weight;
+  stiffness += o.stiffness;
   cost += o.cost;
   matches += o.matches;
   return *this;
+}
+
+double PairSum::soften() {
+  const double factor = weight > 0 ? std::clamp(stiffness / weight, kLeastStiffness, 1.0) : 1;
+  hessian *= factor;
+  tilts *= factor;
+  return factor;
 }
 
 Matrix6d PairSum::take_out_tilts() {

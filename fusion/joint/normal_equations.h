@@ -16,7 +16,8 @@ struct PairSum {
   Matrix6d tilts = Matrix6d::Zero();     ///< The part of it that noise in the normals pretends.
   Vector6d gradient = Vector6d::Zero();  ///< sum w a r
   double weight = 0;                     ///< sum w
-  double cost = 0;                       ///< sum of robust costs
+  double stiffness = 0;  ///< sum of second derivatives of the robust costs; w of plain squares.
+  double cost = 0;       ///< sum of robust costs
   size_t matches = 0;
 
   void add(const Eigen::Vector3d& arm, const Eigen::Vector3d& n, double r, double w) {
@@ -25,10 +26,15 @@ struct PairSum {
     hessian.noalias() += w * a * a.transpose();
     gradient += w * r * a;
     weight += w;
+    stiffness += w;
     ++matches;
   }
   PairSum& operator+=(const PairSum& o);
 
+  /// Makes the Hessian, so far that of weighted squares, that of the robust cost: near the minimum residuals
+  /// pull less the larger they are. Newton's steps, and what is claimed to be known, depend on it.
+  /// Returns the factor.
+  double soften();
   /// Takes out what the noise in normals adds: what it pretends to hold, and the pull in directions in
   /// which it is all there is, which would let surfaces wander. Returns the factor of the gradient.
   Matrix6d take_out_tilts();

@@ -132,7 +132,9 @@ std::vector<PairSum> match_all(const JointProblem& problem, const Pairs& pairs, 
     return weight_of_edge * static_cast<double>(step) / (gates.stride * gates.stride);
   };
   std::vector<Matrix6d> factors(sums.size());
+  std::vector<double> softening(sums.size());
   for (size_t slot = 0; slot < sums.size(); ++slot) {
+    softening[slot] = sums[slot].soften();
     factors[slot] = sums[slot].take_out_tilts();
     edges[slot].take_out_tilts();
     sums[slot].hessian += edge_factor(slot) * edges[slot].hessian;
@@ -148,7 +150,8 @@ std::vector<PairSum> match_all(const JointProblem& problem, const Pairs& pairs, 
           block.hessian *= static_cast<float>(edge_factor(tasks[t].slot));
         } else {
           const Eigen::Matrix<float, 6, 6> factor = factors[tasks[t].slot].cast<float>();
-          const Eigen::Matrix<float, 6, 6> hessian = factor * block.hessian;
+          const Eigen::Matrix<float, 6, 6> hessian =
+              static_cast<float>(softening[tasks[t].slot]) * factor * block.hessian;
           block.gradient = factor * block.gradient;
           block.hessian = 0.5f * (hessian + hessian.transpose());
         }
