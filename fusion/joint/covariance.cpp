@@ -26,8 +26,8 @@ Matrix6d PoseCovariance::of(size_t scan) const {
   const auto i = static_cast<Eigen::Index>(6 * scan);
   const Eigen::Matrix<double, 6, Eigen::Dynamic> its = moves.middleRows<6>(i) - moves.topRows<6>();
   const Matrix6d data = its * its.transpose();
-  const Matrix6d prior = of_prior.block<6, 6>(i, i) + of_prior.block<6, 6>(0, 0) -
-                         of_prior.block<6, 6>(i, 0) - of_prior.block<6, 6>(0, i);
+  const Matrix6d rest = common.block<6, 6>(i, i) + common.block<6, 6>(0, 0) - common.block<6, 6>(i, 0) -
+                        common.block<6, 6>(0, i);
   // Radians and millimetres differ: unit diagonal first.
   const Vector6d scale = data.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
   const Matrix6d scaled = scale.asDiagonal() * data * scale.asDiagonal();
@@ -37,12 +37,12 @@ Matrix6d PoseCovariance::of(size_t scan) const {
   const double effective = shares.squaredNorm() > 0 ? shares.sum() * shares.sum() / shares.squaredNorm() : 0;
   const double enlarged =
       std::min(kMostEnlarged, effective > 7 ? effective / (effective - 7) : kMostEnlarged);
-  return enlarged * data + prior;
+  return enlarged * data + rest;
 }
 
 PoseCovariance pose_covariance(const JointProblem& problem, const Pairs& pairs,
                                const std::vector<PairSum>& sums,
-                               const std::vector<std::vector<BlockSum>>& blocks) {
+                               const std::vector<std::vector<BlockSum>>& blocks, const EdgeEvidence& edges) {
   const size_t n = problem.size();
   const auto dimension = static_cast<Eigen::Index>(6 * n);
   PoseCovariance result;
@@ -114,7 +114,20 @@ PoseCovariance pose_covariance(const JointProblem& problem, const Pairs& pairs,
         unit.asDiagonal() * leave_out.solve(scans, part, gradient);
   });
   const Eigen::MatrixXd inverse = unit.asDiagonal() * leave_out.inverse() * unit.asDiagonal();
-  result.of_prior = inverse * (variance * variance * problem.tag_prior.information()) * inverse;
+  result.common = inverse * (variance * variance * problem.tag_prior.information()) * inverse;
+  Eigen::MatrixXd pulls = Eigen::MatrixXd::Zero(dimension, static_cast<Eigen::Index>(n));
+  for (size_t slot = 0; slot < edges.if_source_stood_out.size(); ++slot) {
+    const auto& [a, b] = pairs[slot / 2];
+    const auto target = static_cast<Eigen::Index>(slot % 2 == 0 ? a : b),
+               source = static_cast<Eigen::Index>(slot % 2 == 0 ? b : a);
+    const Vector6d pull = edges.sigma_mm * edges.if_source_stood_out[slot];
+    pulls.col(source).segment<6>(6 * source) += pull;
+    pulls.col(source).segment<6>(6 * target) -= pull;
+    pulls.col(target).segment<6>(6 * source) -= pull;
+    pulls.col(target).segment<6>(6 * target) += pull;
+  }
+  const Eigen::MatrixXd offsets = inverse * pulls;
+  result.common += offsets * offsets.transpose();
   return result;
 }
 

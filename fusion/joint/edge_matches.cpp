@@ -78,6 +78,7 @@ PairSum match_edges(const RangeSurface& target, const EdgeIndex& target_edges, c
     all << cross_matrix(arm), Eigen::Matrix3d::Identity();
     Vector6d a;
     a << arm.cross(direction), direction;
+    block.directions += weight * a;
     block.tilts += kTiltVariance * weight * (all * all.transpose() - a * a.transpose());
     place += at;
     if (++in_block == kBlock) close_block();

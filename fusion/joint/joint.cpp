@@ -387,12 +387,13 @@ Registration register_joint(std::span<const RangeSurface> scans, const JointOpti
   gates.normal_variance = problem.normal_variance;
   std::vector<PairSum> sums;
   std::vector<std::vector<BlockSum>> blocks;
+  EdgeEvidence edges;
   if (!pairs.empty()) {
     const auto step_by = [&](const std::vector<PairSum>& by) {
       apply_step(problem, equations_of(problem, pairs, best->poses, by, best->sigma_mm).solve(), best->poses);
     };
     step_by(match_all(problem, pairs, best->poses, gates, nullptr, &active));
-    sums = match_all(problem, pairs, best->poses, gates, &blocks, &active);
+    sums = match_all(problem, pairs, best->poses, gates, &blocks, &active, &edges);
     const std::vector<double> others = leave_one_out(problem, pairs, best->poses, sums, best->sigma_mm);
     step_by(sums);
     result.scans.resize(n);
@@ -402,7 +403,7 @@ Registration register_joint(std::span<const RangeSurface> scans, const JointOpti
 
   const TagPrior::ChiSquare from_tags = problem.tag_prior.chi_square(errors_of_tags(problem, best->poses));
   result.shared_chi_square = from_tags.shared;
-  const PoseCovariance covariance = pose_covariance(problem, pairs, sums, blocks);
+  const PoseCovariance covariance = pose_covariance(problem, pairs, sums, blocks, edges);
   const Pose gauge = tagged[0] * best->poses[0].inverse();
   Matrix6d turn = Matrix6d::Zero();
   turn.topLeftCorner<3, 3>() = gauge.linear();

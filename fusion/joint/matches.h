@@ -27,6 +27,13 @@ struct BlockSum {
   Eigen::Matrix<float, 6, 6> hessian;
 };
 
+/// What a round of matching saw of edges.
+struct EdgeEvidence {
+  double sigma_mm = 0;  ///< Their scatter.
+  /// For each slot, as PairSum::gradient would be if every edge of the source stood out by 1 mm.
+  std::vector<Vector6d> if_source_stood_out;
+};
+
 /// Which blocks of 16 x 16 pixels of a source have matches in a target, row by row of blocks: once poses
 /// hardly move any more, the others need not be visited again.
 struct ActiveBlocks {

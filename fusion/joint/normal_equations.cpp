@@ -19,6 +19,7 @@ PairSum& PairSum::operator+=(const PairSum& o) {
   hessian += o.hessian;
   tilts += o.tilts;
   gradient += o.gradient;
+  directions += o.directions;
   weight += o.weight;
   stiffness += o.stiffness;
   cost += o.cost;

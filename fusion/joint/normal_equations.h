@@ -12,10 +12,11 @@ namespace gantry::internal {
 /// a = dr/d(error of the source) = [(p - centre) x n; n] = -dr/d(error of the target).
 /// Errors are twists in the part frame about a common centre: pose = shifted_exp(error) * pose.
 struct PairSum {
-  Matrix6d hessian = Matrix6d::Zero();   ///< sum w a a^T
-  Matrix6d tilts = Matrix6d::Zero();     ///< The part of it that noise in the normals pretends.
-  Vector6d gradient = Vector6d::Zero();  ///< sum w a r
-  double weight = 0;                     ///< sum w
+  Matrix6d hessian = Matrix6d::Zero();     ///< sum w a a^T
+  Matrix6d tilts = Matrix6d::Zero();       ///< The part of it that noise in the normals pretends.
+  Vector6d gradient = Vector6d::Zero();    ///< sum w a r
+  Vector6d directions = Vector6d::Zero();  ///< sum w a; of edges only.
+  double weight = 0;                       ///< sum w
   double stiffness = 0;  ///< sum of second derivatives of the robust costs; w of plain squares.
   double cost = 0;       ///< sum of robust costs
   size_t matches = 0;

@@ -64,7 +64,7 @@ Pairs pairs_with_overlap(const JointProblem& problem, const Poses& poses, double
 
 std::vector<PairSum> match_all(const JointProblem& problem, const Pairs& pairs, const Poses& poses,
                                const MatchGates& gates, std::vector<std::vector<BlockSum>>* blocks,
-                               std::vector<ActiveBlocks>* active, double* edge_sigma_mm) {
+                               std::vector<ActiveBlocks>* active, EdgeEvidence* edge_evidence) {
   constexpr int kEdges = -1;  // instead of a first row
   struct Task {
     size_t slot, target, source;
@@ -121,7 +121,6 @@ std::vector<PairSum> match_all(const JointProblem& problem, const Pairs& pairs, 
       gates.edge_sigma_mm > 0
           ? gates.edge_sigma_mm
           : std::max({std::sqrt(variance_of(edges)), problem.noise_mm, kEdgeSigma_px * problem.spacing_mm});
-  if (edge_sigma_mm) *edge_sigma_mm = edge_sigma;
   // They count as their scatter allows, which tells sharp edges from broken ones.
   const double weight_of_edge = std::max(variance_of(sums), std::pow(0.1 * problem.noise_mm, 2)) /
                                 (edge_sigma * edge_sigma * kEdgePixelsAlike);
@@ -139,6 +138,12 @@ std::vector<PairSum> match_all(const JointProblem& problem, const Pairs& pairs, 
     edges[slot].take_out_tilts();
     sums[slot].hessian += edge_factor(slot) * edges[slot].hessian;
     sums[slot].gradient += edge_factor(slot) * edges[slot].gradient;
+  }
+  if (edge_evidence) {
+    edge_evidence->sigma_mm = edge_sigma;
+    edge_evidence->if_source_stood_out.clear();
+    for (size_t slot = 0; slot < sums.size(); ++slot)
+      edge_evidence->if_source_stood_out.push_back(edge_factor(slot) * edges[slot].directions);
   }
   if (blocks) {
     blocks->assign(sums.size(), {});
@@ -224,8 +229,9 @@ FineResult align_fine(const JointProblem& problem, const Pairs& pairs, const Fin
     gates.max_angle_rad = at_end ? 0.35 : 0.5236;
     gates.edge_sigma_mm = options.edge_sigma_mm > 0 || at_end ? options.edge_sigma_mm
                                                               : kEdgeSigmaAtFirst_px * problem.spacing_mm;
-    const std::vector<PairSum> sums =
-        match_all(problem, pairs, poses, gates, nullptr, active, &result.edge_sigma_mm);
+    EdgeEvidence edges;
+    const std::vector<PairSum> sums = match_all(problem, pairs, poses, gates, nullptr, active, &edges);
+    result.edge_sigma_mm = edges.sigma_mm;
     double cost = 0, weight = 0;
     for (const PairSum& s : sums) {
       cost += s.cost;

@@ -51,7 +51,8 @@ Pairs pairs_with_overlap(const JointProblem& problem, const Poses& poses, double
 /// `active` (optional, strides up to 4): filled when empty, used when not.
 std::vector<PairSum> match_all(const JointProblem& problem, const Pairs& pairs, const Poses& poses,
                                const MatchGates& gates, std::vector<std::vector<BlockSum>>* blocks = nullptr,
-                               std::vector<ActiveBlocks>* active = nullptr, double* edge_sigma_mm = nullptr);
+                               std::vector<ActiveBlocks>* active = nullptr,
+                               EdgeEvidence* edge_evidence = nullptr);
 
 /// How far each pose is from its tag: errors about the centre, 6 rows a scan.
 Eigen::VectorXd errors_of_tags(const JointProblem& problem, const Poses& poses);

@@ -19,8 +19,11 @@ constexpr float kOnPlaneInSigmas = 4, kOnPlaneInPitches = 0.5f;
 /// ... and those further behind are of another one.
 constexpr float kBehindInPitches = 5;
 /// Of the window: pixels between the two, or on the wrong side of the line.
-constexpr float kMostDoubtful = 0.12f;
+constexpr float kMostDoubtful = 0.06f;
 constexpr size_t kMostEdges = 3000;
+constexpr int kWidestShadow_px = 400;
+/// How far (pitches per pixel) a tangent plane may be off, carried on.
+constexpr float kPlaneSlack = 0.1f;
 
 struct Window {
   int inside = 0, doubtful = 0;
@@ -106,6 +109,25 @@ struct TangentPlane {
   }
 };
 
+/// Whether the gap beyond the line ends at something nearer than the plane: then the gap may be its shadow
+/// from the projector, which ends elsewhere on the surface when seen from elsewhere.
+bool may_be_shadow(const RangeSurface& s, const std::vector<float>& measured, int column, int row,
+                   const Line& line, const Eigen::Vector3f& plane, float behind, float pitch_w) {
+  for (int step = kHalf; step < kWidestShadow_px; ++step) {
+    const Eigen::Vector2f offset = (line.distance + static_cast<float>(step)) * line.outwards;
+    const int c = column + static_cast<int>(std::lround(offset.x())),
+              r = row + static_cast<int>(std::lround(offset.y()));
+    if (c < 0 || r < 0 || c >= s.width || r >= s.height) return false;
+    const float w = measured[s.index(c, r)];
+    if (w == 0) continue;
+    const float expected =
+        plane.dot(Eigen::Vector3f(1, static_cast<float>(c - column), static_cast<float>(r - row)));
+    const float nearer = s.rays.central ? w - expected : expected - w;
+    return nearer > behind + kPlaneSlack * static_cast<float>(step) * pitch_w;
+  }
+  return false;
+}
+
 }  // namespace
 
 std::vector<SurfaceEdge> find_edges(const RangeSurface& s, const std::vector<float>& measured, float noise_w,
@@ -122,13 +144,13 @@ std::vector<SurfaceEdge> find_edges(const RangeSurface& s, const std::vector<flo
       if (cosine < kLeastCosine) continue;
       const TangentPlane plane{p, n, s};
       const float pitch_w = s.rays.central ? pitch * s.w[i] : pitch;
-      const std::optional<Window> window =
-          look_around(s, measured, column, row, plane.image(column, row),
-                      std::max(kOnPlaneInSigmas * noise_w, kOnPlaneInPitches * pitch_w),
-                      std::max(2 * kOnPlaneInSigmas * noise_w, kBehindInPitches * pitch_w));
+      const Eigen::Vector3f image = plane.image(column, row);
+      const float on_plane = std::max(kOnPlaneInSigmas * noise_w, kOnPlaneInPitches * pitch_w),
+                  behind = std::max(2 * kOnPlaneInSigmas * noise_w, kBehindInPitches * pitch_w);
+      const std::optional<Window> window = look_around(s, measured, column, row, image, on_plane, behind);
       if (!window) continue;
       const std::optional<Line> line = dividing_line(*window);
-      if (!line) continue;
+      if (!line || may_be_shadow(s, measured, column, row, *line, image, behind, pitch_w)) continue;
       const Eigen::Vector2d out = line->outwards.cast<double>(), edge = line->distance * out;
       const auto at = [&](const Eigen::Vector2d& offset) {
         return plane.at(column + offset.x(), row + offset.y());

@@ -3,6 +3,8 @@
 #include <gtest/gtest.h>
 #include <tbb/global_control.h>
 
+#include <Eigen/Eigenvalues>
+#include <algorithm>
 #include <cstring>
 #include <numbers>
 
@@ -12,6 +14,7 @@
 #include "gantry/kinematics/chain.h"
 #include "gantry/sim/parts.h"
 #include "gantry/sim/views.h"
+#include "joint/coarse.h"
 #include "joint/matches.h"
 #include "joint/normal_equations.h"
 
@@ -345,9 +348,9 @@ TEST(Matches, NoisyNormalsOfAPlaneHoldNothing) {
   gates.stride = 1;
   const auto in_plane = [&](double variance) {
     gates.normal_variance = variance;
-    return internal::match_by_projection(target, source, Pose::Identity(), Pose::Identity(), {0, 0, 500},
-                                         gates, 0, source.height)
-        .hessian(3, 3);
+    const internal::PairSum sum = internal::match_by_projection(
+        target, source, Pose::Identity(), Pose::Identity(), {0, 0, 500}, gates, 0, source.height);
+    return sum.hessian(3, 3) - sum.tilts(3, 3);
   };
   const double n = 2 * source.normal_window_px + 1;
   const double spread = n * n * (n * n - 1) / 12 - 6;
@@ -372,6 +375,58 @@ TEST(NormalEquations, SolveFindsTheMinimumAndLeavesFreeDirectionsAlone) {
   equations.add_prior(0, 1e3 * Matrix6d::Identity(), Vector6d::Zero());
   const Eigen::VectorXd step = equations.solve();
   EXPECT_LT((step.segment<6>(6) - step.segment<6>(0) + motion).norm(), 1e-6);
+}
+
+TEST(PairSum, BelievesNothingOfWhatTiltsAlonePretend) {
+  // A plane z = 0 of 1000 matches, normals tilted by 0.02 rad: it holds z and two tilts, and pretends three
+  // more.
+  std::mt19937 random(5);
+  std::normal_distribution<double> normal;
+  std::uniform_real_distribution<double> place(-50, 50);
+  internal::PairSum sum;
+  for (int i = 0; i < 1000; ++i) {
+    const Eigen::Vector3d arm(place(random), place(random), 0);
+    const Eigen::Vector3d n = Eigen::Vector3d(0.02 * normal(random), 0.02 * normal(random), 1).normalized();
+    sum.add(arm, n, 0.05 * normal(random), 1);
+    Eigen::Matrix<double, 6, 3> all;
+    all << cross_matrix(arm), Eigen::Matrix3d::Identity();
+    Vector6d a;
+    a << arm.cross(n), n;
+    sum.tilts += 0.0004 * (all * all.transpose() - a * a.transpose());
+  }
+  internal::PairSum clean = sum;
+  clean.take_out_tilts();
+  for (const int free : {2, 3, 4}) {  // turning about z, sliding along x and y
+    EXPECT_GT(sum.hessian(free, free), 0);
+    EXPECT_LT(clean.hessian(free, free), 0.02 * sum.hessian(free, free));
+  }
+  for (const int held : {0, 1, 5}) {
+    EXPECT_NEAR(clean.hessian(held, held), sum.hessian(held, held), 0.01 * sum.hessian(held, held));
+    EXPECT_NEAR(clean.gradient[held], sum.gradient[held], 0.05 * std::abs(sum.gradient[held]) + 0.01);
+  }
+  EXPECT_GT(Eigen::SelfAdjointEigenSolver<Matrix6d>(clean.hessian).eigenvalues()(0), -1e-6);
+}
+
+TEST(StrongestPairs, ConnectWhatCanBeConnectedAndKeepPartnersFew) {
+  // Two clusters of ten that share much, and one weak pair between them.
+  std::vector<internal::WeighedPair> candidates;
+  for (size_t a = 0; a < 20; ++a)
+    for (size_t b = a + 1; b < 20; ++b)
+      candidates.push_back({a, b, a / 10 == b / 10 ? 100 + (a * 7 + b * 3) % 50 : size_t{a == 4 && b == 17}});
+  const internal::Pairs pairs = internal::strongest_pairs(candidates, 20, 4);
+  EXPECT_TRUE(std::find(pairs.begin(), pairs.end(), std::pair<size_t, size_t>(4, 17)) != pairs.end());
+  EXPECT_LT(pairs.size(), 70u);
+  EXPECT_GE(pairs.size(), 40u);
+  EXPECT_TRUE(std::is_sorted(pairs.begin(), pairs.end()));
+}
+
+TEST(Joint, ManyViews) {
+  const Scene scene = make_scene(make_bracket(), 20, 800, 3);
+  const auto surfaces = perturbed(scene, 3, 6, 2);
+  const Registration result = register_joint(surfaces, {});
+  EXPECT_EQ(result.reason, "");
+  EXPECT_LT(worst_mm(scene, surfaces, result), 0.15);
+  EXPECT_LT(result.pairs.size(), size_t{20 * 16});
 }
 
 TEST(NormalEquations, ExpAndLogAboutACentreAreInverse) {

@@ -323,8 +323,8 @@ TEST_F(ScanFileTest, APlyMayTellTheGridAndThePoseOfItsCamera) {
   EXPECT_EQ(read.scan.width, 1);
   EXPECT_EQ(read.scan.height, 2);
   EXPECT_TRUE(read.has_pose);
-  EXPECT_EQ(read.part_from_sensor.translation(), Eigen::Vector3d(100, 0, 0));
-  EXPECT_TRUE(read.part_from_sensor.linear().col(0).isApprox(Eigen::Vector3d::UnitY()));
+  EXPECT_EQ(read.part_from_sensor.mean.translation(), Eigen::Vector3d(100, 0, 0));
+  EXPECT_TRUE(read.part_from_sensor.mean.linear().col(0).isApprox(Eigen::Vector3d::UnitY()));
 }
 
 TEST_F(ScanFileTest, TruncatedFilesNeverCrash) {
