@@ -130,8 +130,10 @@ void measure_in_this_process(const std::filesystem::path& folder, const std::str
   }
   std::vector<UncertainPose> initial;
   const Matrix6d prior = read_prior(folder / "prior.txt");
-  for (const Pose& pose : read_poses(folder / "initial.txt", count))
-    initial.push_back({pose, Matrix6d::Zero(), prior});
+  for (const Pose& pose : read_poses(folder / "initial.txt", count)) {
+    initial.emplace_back().mean = pose;
+    initial.back().independent = prior;
+  }
   const MethodResult result = method->run(initial);
   std::vector<Pose> found;
   for (const UncertainPose& pose : result.part_from_sensor) found.push_back(pose.mean);
