@@ -72,7 +72,8 @@ std::vector<Source> sources_of(const std::vector<std::filesystem::path>& given) 
     }
     const std::filesystem::path journal = path / "journal.sqlite";
     if (!std::filesystem::exists(journal))
-      throw InputError(path.string() + ": is no run folder (no journal.sqlite); give its scans one by one");
+      throw InputError(path.string() +
+                       ": a scan file or a run folder is expected, found a folder without journal.sqlite");
     for (const ScanRecord& record : Journal(journal).scans())
       sources.push_back({path / record.file, record.part_from_sensor});
   }

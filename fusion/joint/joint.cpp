@@ -31,8 +31,8 @@ constexpr double kWorstWobbleInSigmas = 1.5;
 constexpr double kWorstLeaveOneOut_mm = 0.25;
 constexpr double kWorstLeaveOneOutInSigmas = 6;
 /// A pose that is less certain than this somewhere on the part is of no use for inspection.
-constexpr double kUncertain_mm = 0.1;
-constexpr double kUncertainInSigmas = 1.5;
+constexpr double kUncertain_mm = 0.15;
+constexpr double kUncertainInSigmas = 2.2;
 /// Fewer pixels say nothing of a fraction.
 constexpr size_t kLeastTested = 100;
 

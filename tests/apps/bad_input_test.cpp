@@ -124,7 +124,7 @@ TEST_F(BadScans, MissingAndBrokenPly) {
   write_text(folder_ / "poses.txt", identity_);
   expect_refused(run_register({folder_ / "none.ply"}), {"none.ply", "no such file"});
   std::filesystem::create_directory(folder_ / "folder.ply");
-  expect_refused(run_register({folder_ / "folder.ply"}), {"folder.ply", "a file is expected"});
+  expect_refused(run_register({folder_ / "folder.ply"}), {"folder.ply", "a scan file or a run folder is expected"});
   write_text(folder_ / "broken.ply", "ply\nnonsense\n");
   expect_refused(run_register({folder_ / "broken.ply"}), {"broken.ply"});
   write_text(folder_ / "empty.ply", ply(0, ""));
