@@ -122,6 +122,19 @@ std::vector<uint64_t> occupied(const CoarseLevel& level, const Pose& pose, doubl
   return cells;
 }
 
+std::vector<std::vector<uint64_t>> occupied(const CoarseScans& scans, const Poses& poses, double cell_mm) {
+  std::vector<std::vector<uint64_t>> cells(poses.size());
+  tbb::parallel_for(size_t{0}, poses.size(),
+                    [&](size_t i) { cells[i] = occupied(*scans.levels[i], poses[i], cell_mm); });
+  return cells;
+}
+
+size_t in_common(const std::vector<uint64_t>& one, const std::vector<uint64_t>& other) {
+  std::vector<uint64_t> common;
+  std::set_intersection(one.begin(), one.end(), other.begin(), other.end(), std::back_inserter(common));
+  return common.size();
+}
+
 }  // namespace
 
 Pairs strongest_pairs(std::vector<WeighedPair> candidates, size_t scans, size_t most) {
@@ -153,17 +166,23 @@ Pairs likely_pairs(const CoarseScans& scans, const Poses& part_from_grid, double
   for (size_t a = 0; a < n; ++a)
     for (size_t b = a + 1; b < n; ++b) candidates.push_back({a, b, 1});
   if (n <= most + 1) return strongest_pairs(candidates, n, n);
-  std::vector<std::vector<uint64_t>> cells(n);
-  tbb::parallel_for(size_t{0}, n, [&](size_t i) {
-    cells[i] = occupied(*scans.levels[i], part_from_grid[i], 2 * reach_mm);
-  });
+  const std::vector<std::vector<uint64_t>> cells = occupied(scans, part_from_grid, 2 * reach_mm);
   tbb::parallel_for(size_t{0}, candidates.size(), [&](size_t k) {
-    const auto &one = cells[candidates[k].a], &other = cells[candidates[k].b];
-    std::vector<uint64_t> common;
-    std::set_intersection(one.begin(), one.end(), other.begin(), other.end(), std::back_inserter(common));
-    candidates[k].weight = common.size();
+    candidates[k].weight = in_common(cells[candidates[k].a], cells[candidates[k].b]);
   });
   return strongest_pairs(std::move(candidates), n, most);
+}
+
+std::vector<size_t> partners_of_last(const CoarseScans& scans, const Poses& part_from_grid, double reach_mm,
+                                     size_t most) {
+  const std::vector<std::vector<uint64_t>> cells = occupied(scans, part_from_grid, 2 * reach_mm);
+  std::vector<std::pair<size_t, size_t>> by_weight;  // and place
+  for (size_t i = 0; i + 1 < cells.size(); ++i) by_weight.emplace_back(in_common(cells[i], cells.back()), i);
+  std::stable_sort(by_weight.begin(), by_weight.end(),
+                   [](const auto& a, const auto& b) { return a.first > b.first; });
+  std::vector<size_t> partners;
+  for (size_t k = 0; k < std::min(most, by_weight.size()); ++k) partners.push_back(by_weight[k].second);
+  return partners;
 }
 
 void align_coarse(const CoarseScans& scans, const Pairs& pairs, const std::vector<PosePrior>& priors,

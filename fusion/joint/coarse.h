@@ -30,6 +30,10 @@ Pairs strongest_pairs(std::vector<WeighedPair> candidates, size_t scans, size_t 
 /// scans, otherwise those that have most in common.
 Pairs likely_pairs(const CoarseScans& scans, const Poses& part_from_grid, double reach_mm, size_t most);
 
+/// Of all scans but the last, those that may have most in common with it, at most `most`.
+std::vector<size_t> partners_of_last(const CoarseScans& scans, const Poses& part_from_grid, double reach_mm,
+                                     size_t most);
+
 /// What is believed of one pose beforehand: `information` of errors about the common centre.
 struct PosePrior {
   Pose part_from_grid = Pose::Identity();

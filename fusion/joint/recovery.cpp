@@ -32,6 +32,9 @@ constexpr double kAgrees = 0.03;  ///< Violation below which a coarsely placed s
 /// ... and below which two finely placed scans agree; and fewer violating samples than this are chance.
 constexpr double kAgreesFinely = 0.005;
 constexpr size_t kChance = 8;
+/// More scans than this are set together where they agree.
+constexpr size_t kMany = 16;
+constexpr double kStart_mm = 15;        ///< How wrong a start may be.
 constexpr double kLeastMatched = 0.04;  ///< Of the samples, for two scans to say anything of each other.
 
 Fit fit_of_pair(const JointProblem& problem, size_t a, size_t b, const Pose& pose_a, const Pose& pose_b,
@@ -137,7 +140,8 @@ class Recovery {
     std::vector<size_t> left;
     for (size_t i = 0; i < problem_.size(); ++i)
       if (std::find(core_.begin(), core_.end(), i) == core_.end()) left.push_back(i);
-    // Each round sets the scan that fits best; a larger core gives the others more to hold on to.
+    // Each round sets the scan that fits best, and, where there are many, all that agree; a larger core gives
+    // the others more to hold on to.
     while (!left.empty()) {
       std::vector<Placement> found(left.size());
       tbb::parallel_for(size_t{0}, left.size(),
@@ -150,9 +154,17 @@ class Recovery {
         });
         best = index_of_best(found);
       }
-      poses_[left[best]] = found[best].pose;
-      core_.push_back(left[best]);
-      left.erase(left.begin() + static_cast<std::ptrdiff_t>(best));
+      std::vector<size_t> still_left;
+      for (size_t k = 0; k < left.size(); ++k) {
+        const bool agrees = found[k].fit.violation() < kAgreesFinely && found[k].fit.matched > kFitSamples;
+        if (k != best && !(problem_.size() > kMany && agrees)) {
+          still_left.push_back(left[k]);
+          continue;
+        }
+        poses_[left[k]] = found[k].pose;
+        core_.push_back(left[k]);
+      }
+      left = std::move(still_left);
     }
     return poses_;
   }
@@ -202,7 +214,7 @@ class Recovery {
             if (nonzero != 1 && nonzero != 3) continue;
             Vector6d twist = Vector6d::Zero();
             twist.head<3>() = angle * Eigen::Vector3d(x, y, z).normalized();
-            starts.push_back({exp_about(problem_.centre, twist) * tagged, 15});
+            starts.push_back({exp_about(problem_.centre, twist) * tagged, kStart_mm});
           }
     return starts;
   }
@@ -222,6 +234,23 @@ class Recovery {
     return starts;
   }
 
+  /// The scans of the core that have most in common with a scan at this pose.
+  std::vector<size_t> core_near(size_t scan, const Pose& pose) const {
+    if (core_.size() <= problem_.max_partners) return core_;
+    CoarseScans scans;
+    Poses poses;
+    for (const size_t c : core_) {
+      scans.levels.push_back(problem_.coarse.levels[c]);
+      poses.push_back(poses_[c]);
+    }
+    scans.levels.push_back(problem_.coarse.levels[scan]);
+    poses.push_back(pose);
+    std::vector<size_t> near;
+    for (const size_t place : partners_of_last(scans, poses, kStart_mm, problem_.max_partners))
+      near.push_back(core_[place]);
+    return near;
+  }
+
   /// Aligns the scan to the core from every start and returns where it fits best.
   Placement best_of(size_t scan, const std::vector<Start>& starts) const {
     std::vector<Placement> placements(starts.size());
@@ -232,12 +261,13 @@ class Recovery {
       Poses poses;
       CoarseOptions options;
       Pairs pairs;
-      for (const size_t c : core_) {
-        pairs.emplace_back(priors.size(), core_.size());
+      const std::vector<size_t> core = core_near(scan, starts[k].pose);
+      for (const size_t c : core) {
+        pairs.emplace_back(priors.size(), core.size());
         add(c, poses_[c], coarse, medium, priors, poses);
       }
       add(scan, starts[k].pose, coarse, medium, priors, poses);
-      options.fixed.assign(core_.size(), true);
+      options.fixed.assign(core.size(), true);
       options.fixed.push_back(false);
       options.start_mm = starts[k].error_mm;
       options.shrink = 0.85;
@@ -250,7 +280,7 @@ class Recovery {
       options.samples = 300;
       align_coarse(medium, pairs, priors, problem_.centre, options, poses);
       placements[k].pose = poses.back();
-      placements[k].fit = fit_of_scan(problem_, core_, scan, poses_, poses.back());
+      placements[k].fit = fit_of_scan(problem_, core, scan, poses_, poses.back());
     });
     Placement best;
     for (const Placement& p : placements)
