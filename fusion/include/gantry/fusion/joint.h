@@ -26,7 +26,8 @@ struct JointOptions {
 ///  1. Coarse: range images thinned 16 and 8 fold; nearest compatible points, graduated robustness,
 ///     visibility (joint/coarse.h).
 ///  2. Fine: by projection into the range images, robust scale down to the noise (joint/matches.h); all
-///     pixels in the last rounds.
+///     pixels in the last rounds. Edges of surfaces are matched to edges (joint/edge_matches.h): they hold
+///     thin and flat parts in the directions in which surfaces slide.
 ///  3. Judgement (joint/judgement.h): free-space violation, opposite-face contact, the wobble test, prior
 ///     chi-square, leave-one-scan-out. A result that fails is tried again from a wider start, then from
 ///     global proposals scan by scan (global_initialisation.h); what still fails is returned with a
