@@ -311,7 +311,7 @@ TEST_F(Register, ARunIsTakenAsItWasTagged) {
   ASSERT_EQ(run({folder_ / "run"}, {"--no-merge", "--initial", *scans_ / "initial.txt"}).exit_code, 0);
   EXPECT_EQ(shared_parameters(), 0) << "other poses have another uncertainty";
   std::filesystem::remove_all(out());
-  expect_refused(run({folder_ / "run/scans"}, {}), {"run/scans", "no run folder"});
+  expect_refused(run({folder_ / "run/scans"}, {}), {"run/scans", "a folder without journal.sqlite"});
 }
 
 TEST_F(Register, ScansWithNothingInCommonAreUndecided) {
