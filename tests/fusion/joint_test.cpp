@@ -377,6 +377,52 @@ TEST(NormalEquations, SolveFindsTheMinimumAndLeavesFreeDirectionsAlone) {
   EXPECT_LT((step.segment<6>(6) - step.segment<6>(0) + motion).norm(), 1e-6);
 }
 
+/// A plane z = depth that fills most of the image, facing the origin or away from it.
+TriangleMesh plane_at(float depth, bool away = false) {
+  TriangleMesh plane;
+  plane.vertices = {{-90, -50, depth}, {90, -50, depth}, {90, 50, depth}, {-90, 50, depth}};
+  plane.triangles = {{0, 2, 1}, {0, 3, 2}};
+  if (away) plane.triangles = {{0, 1, 2}, {0, 2, 3}};
+  return plane;
+}
+
+TEST(PairSum, SoftenedHessianIsTheDerivativeOfTheGradient) {
+  const RayScene scene(plane_at(500));
+  const RangeSurface target = make_range_surface(scan_of(scene, small_sensor(), Pose::Identity(), 1), {}),
+                     source = make_range_surface(scan_of(scene, small_sensor(), Pose::Identity(), 2), {});
+  internal::MatchGates gates;
+  gates.stride = 1;
+  gates.scale_mm = 0.15;
+  gates.reach_mm = 5;
+  const auto at = [&](double shift_mm) {
+    return internal::match_by_projection(target, source, Pose(Eigen::Translation3d(0, 0, shift_mm)),
+                                         Pose::Identity(), {0, 0, 500}, gates, 0, source.height);
+  };
+  constexpr double kStep_mm = 0.01;
+  const double derivative = (at(kStep_mm).gradient[5] - at(-kStep_mm).gradient[5]) / (2 * kStep_mm);
+  internal::PairSum sum = at(0);
+  EXPECT_GT(sum.hessian(5, 5), 1.15 * derivative) << "weighted squares alone are too stiff";
+  sum.soften();
+  EXPECT_NEAR(sum.hessian(5, 5), derivative, 0.02 * derivative);
+}
+
+TEST(Compare, FacesOfAThinWallTouchOnlyWhenTheyMeet) {
+  const RangeSurface front =
+      make_range_surface(scan_of(RayScene(plane_at(500)), small_sensor(), Pose::Identity(), 1), {});
+  Pose behind = Pose::Identity();  // turned about y, 1 m away
+  behind.linear() = rotation_exp({0, std::numbers::pi, 0});
+  behind.translation() = Eigen::Vector3d(0, 0, 1000);
+  const auto contacts = [&](float thickness_mm) {
+    const RangeSurface back = make_range_surface(
+        scan_of(RayScene(plane_at(500 + thickness_mm, true)), small_sensor(), behind, 2), {});
+    const internal::Agreement a = internal::compare(front, back, behind, 1.5, 2);
+    EXPECT_EQ(a.matched, 0u);
+    return a.contact;
+  };
+  EXPECT_EQ(contacts(1), 0u);
+  EXPECT_GT(contacts(0.1f), 1000u);
+}
+
 TEST(PairSum, BelievesNothingOfWhatTiltsAlonePretend) {
   // A plane z = 0 of 1000 matches, normals tilted by 0.02 rad: it holds z and two tilts, and pretends three
   // more.

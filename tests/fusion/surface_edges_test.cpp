@@ -87,6 +87,10 @@ TEST(SurfaceEdges, ASmoothSilhouetteIsNone) {
   EXPECT_LT(surface_of(sphere(40, 500), 0).edges.size(), 10u);
 }
 
+TEST(SurfaceEdges, SeenAlmostEdgeOnASurfaceMayEndForOtherReasons) {
+  EXPECT_EQ(surface_of(rectangle(40, 25, 500), 1.07).edges.size(), 0u);
+}
+
 TEST(SurfaceEdges, WhatSomethingInFrontHidesDoesNotEndThere) {
   const RangeSurface s = surface_of(both(rectangle(60, 40, 520), rectangle(15, 15, 480)), 0);
   size_t near = 0, far = 0, false_ends = 0;
