@@ -287,7 +287,7 @@ std::vector<double> leave_one_out(const JointProblem& problem, const Pairs& pair
 }
 
 std::vector<ParameterChoice> choices_of(const JointProblem& problem, const JointOptions& options,
-                                        double start_mm, double sigma_mm) {
+                                        double start_mm, double sigma_mm, double edge_sigma_mm) {
   return {{"noise_mm", problem.noise_mm,
            options.noise_mm > 0 ? "given" : "median over the scans, from second differences along rows"},
           {"spacing_mm", problem.spacing_mm, "median pixel pitch at the part"},
@@ -304,6 +304,8 @@ std::vector<ParameterChoice> choices_of(const JointProblem& problem, const Joint
            problem.tag_prior.parameters() > 0
                ? "calibrated parameters of the cell, whose errors all tagged poses share"
                : "the tags do not say what their errors share: taken as independent"},
+          {"edge_sigma_mm", edge_sigma_mm,
+           "of the edges at which surfaces end; the less they scatter, the more they count"},
           {"residual_sigma_mm", sigma_mm,
            "of the matches at the end; three times this is the final robust scale"},
           {"part_radius_mm", problem.radius_mm, "nine tenths of the surface lie nearer to the centre"}};
@@ -479,7 +481,7 @@ Registration register_joint(std::span<const RangeSurface> scans, const JointOpti
     result.reason = text("%s is not held well enough: ", scans[uncertain[0]].name.c_str()) +
                     result.scans[uncertain[0]].observability;
   result.converged = true;
-  result.parameters = choices_of(problem, options, start_mm, best->sigma_mm);
+  result.parameters = choices_of(problem, options, start_mm, best->sigma_mm, edges.sigma_mm);
   return result;
 }
 
