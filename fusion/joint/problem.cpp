@@ -130,12 +130,13 @@ std::vector<PairSum> match_all(const JointProblem& problem, const Pairs& pairs, 
     const size_t step = edge_gates(problem, problem.scans[slot % 2 == 0 ? b : a], gates).step;
     return weight_of_edge * static_cast<double>(step) / (gates.stride * gates.stride);
   };
-  std::vector<Matrix6d> factors(sums.size());
+  // What becomes of each slot's gradients and Hessians; blocks follow.
+  std::vector<Matrix6d> factors(sums.size()), edge_factors(sums.size());
   std::vector<double> softening(sums.size());
   for (size_t slot = 0; slot < sums.size(); ++slot) {
     softening[slot] = sums[slot].soften();
     factors[slot] = sums[slot].take_out_tilts();
-    edges[slot].take_out_tilts();
+    edge_factors[slot] = edge_factor(slot) * edges[slot].take_out_tilts();
     sums[slot].hessian += edge_factor(slot) * edges[slot].hessian;
     sums[slot].gradient += edge_factor(slot) * edges[slot].gradient;
   }
@@ -143,23 +144,20 @@ std::vector<PairSum> match_all(const JointProblem& problem, const Pairs& pairs, 
     edge_evidence->sigma_mm = edge_sigma;
     edge_evidence->if_source_stood_out.clear();
     for (size_t slot = 0; slot < sums.size(); ++slot)
-      edge_evidence->if_source_stood_out.push_back(edge_factor(slot) * edges[slot].directions);
+      edge_evidence->if_source_stood_out.push_back(edge_factors[slot] * edges[slot].directions);
   }
   if (blocks) {
     blocks->assign(sums.size(), {});
     for (size_t t = 0; t < tasks.size(); ++t) {
       auto& into = (*blocks)[tasks[t].slot];
       for (BlockSum block : gradients[t]) {
-        if (tasks[t].first == kEdges) {
-          block.gradient *= static_cast<float>(edge_factor(tasks[t].slot));
-          block.hessian *= static_cast<float>(edge_factor(tasks[t].slot));
-        } else {
-          const Eigen::Matrix<float, 6, 6> factor = factors[tasks[t].slot].cast<float>();
-          const Eigen::Matrix<float, 6, 6> hessian =
-              static_cast<float>(softening[tasks[t].slot]) * factor * block.hessian;
-          block.gradient = factor * block.gradient;
-          block.hessian = 0.5f * (hessian + hessian.transpose());
-        }
+        const bool edge = tasks[t].first == kEdges;
+        const size_t slot = tasks[t].slot;
+        const Eigen::Matrix<float, 6, 6> factor = (edge ? edge_factors : factors)[slot].cast<float>();
+        const Eigen::Matrix<float, 6, 6> hessian =
+            (edge ? 1.0f : static_cast<float>(softening[slot])) * factor * block.hessian;
+        block.gradient = factor * block.gradient;
+        block.hessian = 0.5f * (hessian + hessian.transpose());
         into.push_back(block);
       }
     }

@@ -10,7 +10,7 @@ namespace gantry::internal {
 /// data, the pixels of a small window that lie on its tangent plane must fill one side of a straight line,
 /// and the rest must be empty background or surface far behind; the line is placed to a fraction of a pixel
 /// by how many they are. Windows that reach past the image, past the crop box, or to something in front
-/// (whose border it then is) say nothing.
+/// (whose border it then is) say nothing; nor do gaps that end at something in front, which may be its shadow.
 ///
 /// `measured` is the depth coordinate as it was before any pixel was dropped; `noise_w` its standard
 /// deviation; `pitch` the width of a pixel in units of (u, v).

@@ -111,7 +111,7 @@ TEST(SurfaceEdges, NeitherTheImageNorTheCropBoxEndsASurface) {
   EXPECT_EQ(surface_of(rectangle(40, 25, 500), 0, 1, options).edges.size(), 0u);
 }
 
-TEST(SurfaceEdges, ThinStripsAndSpecksAreNotTaken) {
+TEST(SurfaceEdges, SpecksWithoutDataAreNotTaken) {
   TaggedScan scan = scan_of(RayScene(rectangle(60, 40, 500)), small_sensor(960), Pose::Identity(), 1);
   std::mt19937 random(1);
   for (size_t i = 0; i < scan.scan.points.size(); ++i)

@@ -35,7 +35,7 @@ struct JointOptions {
 ///
 /// Tagged poses enter with their covariance, as one factor on all scans together: errors that the scans
 /// share (UncertainPose::shared_factor) leave their relative poses known (joint/tag_prior.h). Covariances of
-/// the result are those of errors relative to the first scan, by the sandwich formula over blocks of surface
+/// the result are those of errors relative to the first scan, by the jackknife over patches of surface
 /// (joint/covariance.h). The same on any number of threads. Throws InputError for options out of range, no
 /// scan at all, or shared factors of different calibrations or numbers of parameters.
 Registration register_joint(std::span<const RangeSurface> scans, const JointOptions& options);
