@@ -9,6 +9,7 @@
 #include <limits>
 
 #include "gantry/foundation/error.h"
+#include "joint/arrangements.h"
 #include "joint/covariance.h"
 #include "joint/judgement.h"
 #include "joint/leave_out.h"
@@ -36,6 +37,8 @@ constexpr double kUncertainInSigmas = 2.2;
 /// Fewer pixels say nothing of a fraction.
 constexpr size_t kLeastTested = 100;
 
+/// Sets of at most so many scans are arranged anew in all ways that fit; so many are judged.
+constexpr size_t kFew = 16, kArrangements = 4;
 constexpr size_t kFineSamples = 5000, kPolishSamples = 40000;
 constexpr int kCoarsestStep = 16;
 constexpr size_t kCoarsePoints = 200;
@@ -354,6 +357,11 @@ Registration register_joint(std::span<const RangeSurface> scans, const JointOpti
     attempt("coarse to fine, wider and slower", problem.fine_start_mm(), [&](Poses& poses) {
       coarse_stages(problem, std::max(25.0, 2 * start_mm), 0.93, samples, poses);
     });
+    if (n <= kFew && !attempts.back().objection.empty()) {
+      for (const Poses& arrangement : search_arrangements(problem, tagged, kArrangements))
+        attempt("several arrangements at a time", problem.fine_start_mm(),
+                [&](Poses& poses) { poses = arrangement; });
+    }
     const auto search = [&](bool doubt_violators) {
       return [&, doubt_violators](Poses& poses) {
         const Attempt& before = least_violating(attempts);
