@@ -130,11 +130,8 @@ PointCloud thinned(const CoarseLevel& level, size_t most) {
 
 class Recovery {
  public:
-  Recovery(const JointProblem& problem, Poses poses, const std::vector<bool>& suspects, bool global)
-      : problem_(problem),
-        poses_(std::move(poses)),
-        global_(global),
-        core_(consistent_core(problem, poses_, suspects)) {}
+  Recovery(const JointProblem& problem, Poses poses, std::vector<size_t> core, bool global)
+      : problem_(problem), poses_(std::move(poses)), global_(global), core_(std::move(core)) {}
 
   Poses run() {
     std::vector<size_t> left;
@@ -308,7 +305,11 @@ class Recovery {
 
 Poses recover(const JointProblem& problem, const Poses& poses, const std::vector<bool>& suspects,
               bool global) {
-  return Recovery(problem, poses, suspects, global).run();
+  return place_again(problem, poses, consistent_core(problem, poses, suspects), global);
+}
+
+Poses place_again(const JointProblem& problem, const Poses& poses, std::vector<size_t> core, bool global) {
+  return Recovery(problem, poses, std::move(core), global).run();
 }
 
 }  // namespace gantry::internal
