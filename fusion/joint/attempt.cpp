@@ -113,12 +113,22 @@ Attempt attempt_at(const JointProblem& problem, std::string way, Poses poses) {
 }
 
 void refine_and_judge(const JointProblem& problem, double start_mm, Attempt& attempt) {
-  const Pairs pairs =
-      pairs_with_overlap(problem, attempt.poses, std::max(1.5 * start_mm, 6 * problem.noise_mm));
+  const std::vector<bool> out = attempt.left_out_mask();
+  const Poses before = attempt.poses;
+  const Pairs pairs = pairs_without(
+      out, pairs_with_overlap(problem, attempt.poses, std::max(1.5 * start_mm, 6 * problem.noise_mm)));
   attempt.sigma_mm =
       align_fine(problem, pairs, {start_mm, kFineSamples, 30, 0, &attempt.memory}, attempt.poses).sigma_mm;
+  for (size_t i = 0; i < problem.size(); ++i)
+    if (out[i]) attempt.poses[i] = before[i];
   attempt.evidence = gather_evidence(problem, attempt.poses, attempt.sigma_mm);
+  attempt.evidence.leave_out(out);
   judge(problem, attempt);
+}
+
+Pairs pairs_without(const std::vector<bool>& left_out, Pairs pairs) {
+  std::erase_if(pairs, [&](const auto& pair) { return left_out[pair.first] || left_out[pair.second]; });
+  return pairs;
 }
 
 Objections suspicious_scans(const JointProblem& problem, const Attempt& attempt) {

@@ -30,7 +30,10 @@ struct Attempt {
 /// An attempt at these poses, not yet judged.
 Attempt attempt_at(const JointProblem& problem, std::string way, Poses poses);
 
-/// From roughly right poses, as wrong as `start_mm`, to a judged result.
+Pairs pairs_without(const std::vector<bool>& left_out, Pairs pairs);
+
+/// From roughly right poses, as wrong as `start_mm`, to a judged result; scans that are left out stay where
+/// they are.
 void refine_and_judge(const JointProblem& problem, double start_mm, Attempt& attempt);
 
 /// Of how many scans one may say that they are wrong and not the others: a quarter. More make the whole

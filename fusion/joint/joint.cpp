@@ -27,19 +27,21 @@ void check(const JointOptions& options) {
 }
 
 void coarse_stages(const JointProblem& problem, double start_mm, double shrink, size_t samples,
-                   Poses& poses) {
+                   const std::vector<bool>& left_out, Poses& poses) {
   CoarseOptions options;
   options.start_mm = start_mm;
   options.end_mm = problem.coarse_end_mm();
   options.shrink = shrink;
   options.samples = samples;
-  align_coarse(problem.coarse, likely_pairs(problem.coarse, poses, start_mm, problem.max_partners),
+  align_coarse(problem.coarse,
+               pairs_without(left_out, likely_pairs(problem.coarse, poses, start_mm, problem.max_partners)),
                problem.priors, problem.centre, options, poses);
   options.start_mm = problem.coarse_end_mm();
   options.end_mm = problem.medium_end_mm();
   options.start_angle_rad = options.end_angle_rad;
   align_coarse(problem.medium,
-               likely_pairs(problem.medium, poses, problem.coarse_end_mm(), problem.max_partners),
+               pairs_without(left_out, likely_pairs(problem.medium, poses, problem.coarse_end_mm(),
+                                                    problem.max_partners)),
                problem.priors, problem.centre, options, poses);
 }
 
@@ -94,12 +96,14 @@ std::vector<Attempt> search(const JointProblem& problem, const JointOptions& opt
   };
   const size_t samples =
       options.coarse_samples > 0 ? options.coarse_samples : problem.samples(kCoarseSamples);
+  const std::vector<bool> none(problem.size(), false);
   // Good tags need no coarse stage: matches by projection find their way from a pixel or two.
   if (start_mm <= 4 * problem.spacing_mm) attempt("from the tags", start_mm, [](Poses&) {});
   attempt("coarse to fine", problem.fine_start_mm(),
-          [&](Poses& poses) { coarse_stages(problem, start_mm, 0.85, samples, poses); });
-  attempt("coarse to fine, wider and slower", problem.fine_start_mm(),
-          [&](Poses& poses) { coarse_stages(problem, std::max(25.0, 2 * start_mm), 0.93, samples, poses); });
+          [&](Poses& poses) { coarse_stages(problem, start_mm, 0.85, samples, none, poses); });
+  attempt("coarse to fine, wider and slower", problem.fine_start_mm(), [&](Poses& poses) {
+    coarse_stages(problem, std::max(25.0, 2 * start_mm), 0.93, samples, none, poses);
+  });
   const auto recovered = [&](bool doubt_violators) {
     return [&, doubt_violators](Poses& poses) {
       const Attempt& before = least_violating(attempts);
@@ -108,6 +112,23 @@ std::vector<Attempt> search(const JointProblem& problem, const JointOptions& opt
   };
   attempt("scan by scan from many starts", problem.fine_start_mm(), recovered(false));
   attempt("scan by scan from many starts, violators first", problem.fine_start_mm(), recovered(true));
+  if (attempts.back().objection.empty()) return attempts;
+  // A scan of something else has pulled at its neighbours: from the tags on as if the worst were not there.
+  Attempt rest = least_violating(attempts);
+  while (!rest.objection.empty() && !problem.many() &&
+         rest.left_out_count() < most_left_out(problem.size())) {
+    const Objections suspicious = suspicious_scans(problem, rest);
+    if (suspicious.empty() || suspicious.front().first == 0) break;
+    Attempt next = attempt_at(problem, "coarse to fine without what is left out", tagged);
+    next.left_out = rest.left_out;
+    next.left_out[suspicious.front().first] = suspicious.front().second;
+    coarse_stages(problem, start_mm, 0.85, samples, next.left_out_mask(), next.poses);
+    for (size_t i = 0; i < problem.size(); ++i)
+      if (!next.left_out[i].empty()) next.poses[i] = rest.poses[i];
+    refine_and_judge(problem, problem.fine_start_mm(), next);
+    rest = std::move(next);
+  }
+  if (rest.objection.empty()) attempts.push_back(std::move(rest));
   return attempts;
 }
 
