@@ -110,6 +110,8 @@ Traceability traceability(const RunCommand& command, const Cell& cell, const Pla
                 std::string(to_string(fused.method)).c_str(), fused.scans.size(),
                 fused.registration.pairs.size(), fused.before.rms_mm, fused.after.rms_mm);
   trace.entries.emplace_back("Registration", text);
+  for (const ScanResult& scan : fused.scans)
+    if (!scan.left_out.empty()) trace.entries.emplace_back("Left out", scan.name + " " + scan.left_out);
   trace.entries.emplace_back("Fixture", cell.fixture.empty() ? "none given" : with_hash(cell.fixture));
   trace.entries.emplace_back("Run folder", command.out.filename().string());
   trace.entries.emplace_back("Software", "gantry " GANTRY_VERSION);
@@ -170,6 +172,9 @@ ExitCode run(const RunCommand& command) {
   const FusionResult fused = fusion.finish();
   write_registration(command.out / "registration", fused);
   folder.journal().add_event("registered", fused.trusted ? "trusted" : fused.reason);
+  for (const ScanResult& scan : fused.scans)
+    if (!scan.left_out.empty())
+      spdlog::warn("left out: {} {}; it is not inspected", scan.name, scan.left_out);
   if (!command.json) {
     progress.clear();
     std::printf("  registration  %zu scans, overlap residual %.4f mm by kinematics, %.4f mm registered\n",

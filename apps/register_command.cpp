@@ -35,6 +35,7 @@ struct Options {
   std::string method = "joint", pairwise, sampling, unit = "mm";
   double voxel_size_mm = 0, m = 0, p = 0, max_distance_threshold_mm = 0, edge_prune_threshold_mm = 0;
   double start_mm = 0, noise_mm = 0, merge_voxel_mm = 0;
+  size_t allowed_left_out = 0;
   bool merge_uniform = false, no_merge = false, json = false;
 };
 
@@ -104,6 +105,7 @@ FusionOptions fusion_options(const Options& o) {
                                                           Eigen::Vector3d(o.crop[3], o.crop[4], o.crop[5]));
   options.joint.start_mm = o.start_mm;
   options.joint.noise_mm = o.noise_mm;
+  options.joint.allowed_left_out = o.allowed_left_out;
   PaperParameters& paper = options.pose_graph.parameters;
   paper.voxel_size_mm = o.voxel_size_mm;
   paper.m = o.m;
@@ -185,9 +187,10 @@ void print_table(const FusionResult& result) {
     const ScanResult& scan = result.scans[i];
     std::string held = i < reports.size() ? reports[i].observability : "";
     if (held.empty()) held = i == 0 ? "the reference" : "not told by this method";
+    if (!scan.left_out.empty()) held = "LEFT OUT: " + scan.left_out;
     std::printf("  %-*s  %8zu   %10.3f   %12.3f   %8.4f   %s\n", column, scan.name.c_str(), scan.points,
                 scan.moved_mm, scan.turned_rad / kRadPerDeg, scan.rms_mm,
-                scan.connected ? held.c_str() : "NOT CONNECTED");
+                scan.connected || !scan.left_out.empty() ? held.c_str() : "NOT CONNECTED");
   }
 }
 
@@ -210,11 +213,19 @@ void print_summary(const FusionResult& result, const std::filesystem::path& out)
   std::printf("  poses      %s\n", (out / "poses.txt").c_str());
 }
 
+std::vector<std::string> left_out_names(const FusionResult& result) {
+  std::vector<std::string> names;
+  for (const ScanResult& scan : result.scans)
+    if (!scan.left_out.empty()) names.push_back(scan.name);
+  return names;
+}
+
 void print_json(const FusionResult& result) {
   nlohmann::json json{{"method", to_string(result.method)},
                       {"trusted", result.trusted},
                       {"reason", result.reason},
                       {"advice", result.advice},
+                      {"left_out", left_out_names(result)},
                       {"overlap_rms_before_mm", result.before.rms_mm},
                       {"overlap_rms_after_mm", result.after.rms_mm},
                       {"points", result.merged.size()}};
@@ -299,6 +310,11 @@ RegisterCommand::RegisterCommand(CLI::App& app) : impl_(std::make_unique<Impl>()
   of({"joint"}, command->add_option("--noise", o.noise_mm,
                                     "Noise of the sensor, one sigma, mm; default: measured in the scans"))
       ->check(number_within(1e-4, 100));
+  of({"joint"},
+     command->add_option("--allow-left-out", o.allowed_left_out,
+                         "So many scans may be left out of a result that counts (exit code 0): scans "
+                         "that contradict the others or are not held by them; default: none"))
+      ->check(CLI::Range(0, 1000));
   of({"refined-pose-graph"},
      command->add_option("--pairwise", o.pairwise,
                          "How pairs are registered: generalized-icp (default) or point-to-plane"))
@@ -342,6 +358,9 @@ ExitCode RegisterCommand::run() const {
   log_parameters(result.registration);
   write_registration(o.out, result);
   o.json ? print_json(result) : print_summary(result, o.out);
+  for (const ScanResult& scan : result.scans)
+    if (!scan.left_out.empty())
+      spdlog::warn("left out: {} {}; it is not in merged.ply", scan.name, scan.left_out);
   if (result.trusted) return ExitCode::kPass;
   spdlog::error("UNDECIDED: {}", result.reason);
   spdlog::error("What to do: {}", result.advice);

@@ -74,10 +74,15 @@ std::vector<bool> connected_scans(size_t count, const std::vector<PairReport>& p
 }
 
 std::string advice_for(const FusionResult& result) {
-  const auto lost = [](const ScanResult& scan) { return !scan.connected; };
+  const auto lost = [](const ScanResult& scan) { return !scan.connected && scan.left_out.empty(); };
   if (std::any_of(result.scans.begin(), result.scans.end(), lost))
     return "add a view that shares surface with the scans named and with the others, or give initial poses "
            "that are nearer to the truth";
+  const auto is_left_out = [](const ScanResult& scan) { return !scan.left_out.empty(); };
+  if (std::any_of(result.scans.begin(), result.scans.end(), is_left_out))
+    return "scan the views that are left out again, or add views beside them; if the part is covered without "
+           "them, allow it: --allow-left-out " +
+           std::to_string(std::count_if(result.scans.begin(), result.scans.end(), is_left_out));
   double violation = 0;
   for (const ScanReport& scan : result.registration.scans)
     violation = std::max(violation, scan.free_space_violation + scan.opposite_contact);
@@ -172,13 +177,22 @@ FusionResult Fusion::finish() {
     scan.dropped_crop = surface.dropped_crop;
     scan.dropped_edges = surface.dropped_edges;
     scan.dropped_hidden = surface.dropped_hidden;
-    scan.connected = connected[i];
+    if (i < result.registration.scans.size()) scan.left_out = result.registration.scans[i].left_out;
+    scan.connected = scan.left_out.empty() ? connected[i] : result.registration.scans[i].connected;
     result.scans.push_back(std::move(scan));
   }
   if (!result.trusted) result.advice = advice_for(result);
 
   if (impl_->options.merge_scans) {
     const Stopwatch merging;
+    size_t kept = 0;  // Range surfaces are large: moved, not copied.
+    for (size_t i = 0; i < scans.size(); ++i) {
+      if (!result.scans[i].left_out.empty()) continue;
+      if (kept != i) scans[kept] = std::move(scans[i]);
+      after[kept++] = after[i];
+    }
+    scans.resize(kept);
+    after.resize(kept);
     result.merged = merge_surfaces(scans, after, impl_->options.merge, &result.merge);
     result.timings_s.emplace_back("merge", merging.seconds());
   }

@@ -28,6 +28,7 @@ nlohmann::json scan_json(const ScanResult& scan, const ScanReport* report) {
                          {"world_from_scan", rows(scan.part_from_sensor.mean.matrix())},
                          {"covariance", rows(scan.part_from_sensor.covariance())},
                          {"connected", scan.connected},
+                         {"left_out", scan.left_out},
                          {"moved_mm", scan.moved_mm},
                          {"turned_deg", scan.turned_rad * 180 / std::numbers::pi},
                          {"rms_mm", scan.rms_mm},
@@ -74,6 +75,9 @@ void write_registration(const std::filesystem::path& folder, const FusionResult&
   json["trusted"] = result.trusted;
   json["reason"] = result.reason;
   json["advice"] = result.advice;
+  json["left_out"] = nlohmann::json::array();
+  for (const ScanResult& scan : result.scans)
+    if (!scan.left_out.empty()) json["left_out"].push_back(scan.name);
   json["converged"] = registration.converged;
   json["iterations"] = registration.iterations;
   // Only method "joint" has this test: a 0 from others would look like a perfect score.

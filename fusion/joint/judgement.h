@@ -17,12 +17,18 @@ struct ScanEvidence {
 
 struct Evidence {
   std::vector<ScanEvidence> scans;
-  Pairs pairs;                        ///< That share surface.
-  std::vector<Agreement> agreements;  ///< Of pairs[k]: (first as target) at 2k, the other way at 2k + 1.
-  double worst_violation = 0;
-  double worst_background = 0;
-  bool all_connected = true;
-  double score = 0;  ///< Larger is better: matched minus violated, over all.
+  Pairs pairs;              ///< That share surface and take part.
+  Pairs pairs_of_left_out;  ///< That share surface; one of the two scans takes part, the other is left out.
+  double worst_violation = 0;  ///< Of the scans that take part.
+
+  Pairs all_pairs;                    ///< That share surface, whether they take part or not.
+  std::vector<Agreement> agreements;  ///< Of every target and source: [target * scans.size() + source].
+
+  /// Both ways of a pair.
+  Agreement agreement_of(size_t a, size_t b) const;
+  /// Counts again as if these scans (by index) were not there; what is said of them themselves is against
+  /// those that take part.
+  void leave_out(const std::vector<bool>& scans_left_out);
 };
 
 /// Looks at all pairs of scans at these poses.
@@ -30,8 +36,12 @@ Evidence gather_evidence(const JointProblem& problem, const Poses& poses, double
 
 /// The wobble test: pushes the result 2 mm (at the part's radius) along its two weakest directions, lets it
 /// converge again, and returns how far it ends from where it was. A result that stands in a wide, wrong or
-/// sliding basin does not come back. `weakest` (optional): the direction that came back least.
-double wobble_mm(const JointProblem& problem, const Pairs& pairs, const Poses& poses,
-                 Eigen::VectorXd* weakest = nullptr);
+/// sliding basin does not come back. Scans in none of the pairs take no part.
+struct Wobble {
+  double worst_mm = 0;
+  Eigen::VectorXd weakest;       ///< The direction that came back least, 6 rows a scan.
+  std::vector<double> scans_mm;  ///< Of each scan against where most of them came to rest.
+};
+Wobble wobble(const JointProblem& problem, const Pairs& pairs, const Poses& poses);
 
 }  // namespace gantry::internal

@@ -27,7 +27,7 @@ EdgeGates edge_gates(const JointProblem& problem, const RangeSurface& source, co
   EdgeGates edge;
   edge.scale_mm = std::max(gates.scale_mm, kEdgeScatter_px * problem.spacing_mm);
   edge.reach_mm = 2 * edge.scale_mm;
-  if (gates.stride > 1) edge.step = std::max<size_t>(1, source.edges.size() / kEdgeSamples);
+  if (gates.stride > 1) edge.step = std::max<size_t>(1, source.edges.size() / problem.samples(kEdgeSamples));
   return edge;
 }
 
@@ -64,22 +64,29 @@ Pairs pairs_with_overlap(const JointProblem& problem, const Poses& poses, double
 
 std::vector<PairSum> match_all(const JointProblem& problem, const Pairs& pairs, const Poses& poses,
                                const MatchGates& gates, std::vector<std::vector<BlockSum>>* blocks,
-                               std::vector<ActiveBlocks>* active, EdgeEvidence* edge_evidence) {
+                               std::vector<ActiveBlocks>* active, EdgeEvidence* edge_evidence,
+                               MatchMemory* memory) {
   constexpr int kEdges = -1;  // instead of a first row
   struct Task {
     size_t slot, target, source;
     int first, last;
   };
+  std::vector<PairSum> sums(2 * pairs.size()), edges(2 * pairs.size());
+  std::vector<unsigned char> remembered(2 * pairs.size(), 0);
   std::vector<Task> tasks;
   for (size_t slot = 0; slot < 2 * pairs.size(); ++slot) {
     const auto& [a, b] = pairs[slot / 2];
     const size_t target = slot % 2 == 0 ? a : b, source = slot % 2 == 0 ? b : a;
+    remembered[slot] =
+        memory && memory->recall(problem, target, source, poses, gates, sums[slot], edges[slot]);
+    if (remembered[slot]) continue;
     tasks.push_back({slot, target, source, kEdges, kEdges});
   }
   const int band = std::max(kBandRows, 32 * gates.stride);
   for (size_t k = 0; k < pairs.size(); ++k) {
     const auto& [a, b] = pairs[k];
     for (int way = 0; way < 2; ++way) {
+      if (remembered[2 * k + static_cast<size_t>(way)]) continue;
       const size_t target = way == 0 ? a : b, source = way == 0 ? b : a;
       const int height = problem.scans[source].height;
       for (int row = 0; row < height; row += band)
@@ -114,9 +121,13 @@ std::vector<PairSum> match_all(const JointProblem& problem, const Pairs& pairs, 
                             problem.centre, gates, task.first, task.last, blocks ? &gradients[t] : nullptr,
                             use ? &(*active)[task.slot] : nullptr, fill ? &(*active)[task.slot] : nullptr);
   });
-  std::vector<PairSum> sums(2 * pairs.size()), edges(2 * pairs.size());
   for (size_t t = 0; t < tasks.size(); ++t)
     (tasks[t].first == kEdges ? edges : sums)[tasks[t].slot] += partial[t];
+  for (size_t slot = 0; memory && slot < sums.size(); ++slot) {
+    const auto& [a, b] = pairs[slot / 2];
+    if (!remembered[slot])
+      memory->keep(slot % 2 == 0 ? a : b, slot % 2 == 0 ? b : a, poses, gates, sums[slot], edges[slot]);
+  }
   const double edge_sigma =
       gates.edge_sigma_mm > 0
           ? gates.edge_sigma_mm
@@ -212,15 +223,17 @@ FineResult align_fine(const JointProblem& problem, const Pairs& pairs, const Fin
   size_t usable = 0;
   for (const RangeSurface& s : problem.scans) usable += s.usable;
   MatchGates gates;
-  gates.stride =
-      std::max(1, static_cast<int>(std::lround(std::sqrt(
-                      static_cast<double>(usable) / static_cast<double>(problem.size() * options.samples)))));
+  gates.stride = std::max(1, static_cast<int>(std::lround(std::sqrt(
+                                 static_cast<double>(usable) /
+                                 static_cast<double>(problem.size() * problem.samples(options.samples))))));
   gates.normal_variance = problem.normal_variance;
   FineResult result;
   double scale = options.start_mm;
   const double least = 3 * 1.4142 * problem.noise_mm;
   result.sigma_mm = problem.noise_mm;
   bool at_end = false;
+  MatchMemory own;
+  MatchMemory* memory = !problem.many() ? nullptr : options.memory ? options.memory : &own;
   for (result.rounds = 0; result.rounds < options.max_rounds; ++result.rounds) {
     gates.scale_mm = scale;
     gates.reach_mm = 3 * scale;
@@ -228,7 +241,8 @@ FineResult align_fine(const JointProblem& problem, const Pairs& pairs, const Fin
     gates.edge_sigma_mm = options.edge_sigma_mm > 0 || at_end ? options.edge_sigma_mm
                                                               : kEdgeSigmaAtFirst_px * problem.spacing_mm;
     EdgeEvidence edges;
-    const std::vector<PairSum> sums = match_all(problem, pairs, poses, gates, nullptr, active, &edges);
+    const std::vector<PairSum> sums =
+        match_all(problem, pairs, poses, gates, nullptr, active, &edges, memory);
     result.edge_sigma_mm = edges.sigma_mm;
     double cost = 0, weight = 0;
     for (const PairSum& s : sums) {

@@ -7,11 +7,15 @@
 #include "gantry/fusion/range_surface.h"
 #include "joint/coarse.h"
 #include "joint/edge_matches.h"
+#include "joint/match_memory.h"
 #include "joint/matches.h"
 #include "joint/normal_equations.h"
 #include "joint/tag_prior.h"
 
 namespace gantry::internal {
+
+/// Of each scan, in the coarse stages.
+constexpr size_t kCoarseSamples = 200;
 
 /// All that the stages of the joint method share.
 struct JointProblem {
@@ -34,6 +38,10 @@ struct JointProblem {
   double share_of_pair() const {
     return std::min(1.0, static_cast<double>(max_partners) / static_cast<double>(size()));
   }
+  /// So many scans that work on a few of them must not be repeated for all.
+  bool many() const { return size() > 32; }
+  /// Of samples of a scan that do where there are many: it has more partners than in a small set.
+  size_t samples(size_t of_few) const { return many() ? of_few * 2 / 5 : of_few; }
   // Where one stage ends and the next begins: what nearest points of a level can tell of its spacing.
   double coarse_end_mm() const { return 0.7 * coarse_mm; }
   double medium_end_mm() const { return 0.55 * medium_mm; }
@@ -48,11 +56,12 @@ Pairs pairs_with_overlap(const JointProblem& problem, const Poses& poses, double
 /// at 2k, the other way round at 2k + 1. Edges count as much as their scatter allows: in a part that surfaces
 /// hold in all directions they hardly matter, on a plate they are what keeps it from sliding. The sums'
 /// weights and costs are those of surfaces alone. `blocks` (optional): the sums block by block for each.
-/// `active` (optional, strides up to 4): filled when empty, used when not.
+/// `active` (optional, strides up to 4): filled when empty, used when not. `memory` (optional, not together
+/// with blocks): pairs that have not moved since are not matched again.
 std::vector<PairSum> match_all(const JointProblem& problem, const Pairs& pairs, const Poses& poses,
                                const MatchGates& gates, std::vector<std::vector<BlockSum>>* blocks = nullptr,
                                std::vector<ActiveBlocks>* active = nullptr,
-                               EdgeEvidence* edge_evidence = nullptr);
+                               EdgeEvidence* edge_evidence = nullptr, MatchMemory* memory = nullptr);
 
 /// How far each pose is from its tag: errors about the centre, 6 rows a scan.
 Eigen::VectorXd errors_of_tags(const JointProblem& problem, const Poses& poses);
@@ -68,9 +77,11 @@ double difference_mm(const JointProblem& problem, const Poses& a, const Poses& b
 
 struct FineOptions {
   double start_mm = 1;    ///< Robust scale at the beginning.
-  size_t samples = 5000;  ///< Of a scan, about.
+  size_t samples = 5000;  ///< Of a scan, about; fewer where there are many.
   int max_rounds = 30;
   double edge_sigma_mm = 0;  ///< Scatter of edges; 0: as seen once the robust scale has shrunk.
+  /// Used and brought up to date where there are many scans; null: nothing is remembered from earlier.
+  MatchMemory* memory = nullptr;
 };
 
 struct FineResult {

@@ -81,7 +81,11 @@ size_t index_of_best(const std::vector<Placement>& found) {
 
 Poses recover(const JointProblem& problem, const Poses& poses, const std::vector<bool>& suspects,
               bool global) {
-  Core core{consistent_core(problem, poses, suspects), poses};
+  return place_again(problem, poses, consistent_core(problem, poses, suspects), global);
+}
+
+Poses place_again(const JointProblem& problem, const Poses& poses, std::vector<size_t> scans, bool global) {
+  Core core{std::move(scans), poses};
   std::vector<size_t> left;
   for (size_t i = 0; i < problem.size(); ++i)
     if (!core.holds(i)) left.push_back(i);

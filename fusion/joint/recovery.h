@@ -12,4 +12,7 @@ namespace gantry::internal {
 Poses recover(const JointProblem& problem, const Poses& poses, const std::vector<bool>& suspects,
               bool global);
 
+/// The same, the scans of `core` being believed: only the others are placed anew.
+Poses place_again(const JointProblem& problem, const Poses& poses, std::vector<size_t> core, bool global);
+
 }  // namespace gantry::internal

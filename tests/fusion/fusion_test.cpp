@@ -131,6 +131,33 @@ TEST_P(FusionMethod, DoesNotTrustAScanThatLiesWhereAnotherLookedThrough) {
   EXPECT_NE(result.advice, "");
 }
 
+TEST(Fusion, MergesNoScanThatIsLeftOut) {
+  std::vector<TaggedScan> scans = bracket_views().scans;
+  for (size_t i = 0; i < scans.size(); ++i) {
+    scans[i].part_from_sensor.mean = bracket_views().truth[i];
+    scans[i].part_from_sensor.independent = covariance_about(bracket_middle(), 1e-4, 1e-6);
+  }
+  Pose astray = Pose::Identity();
+  astray.translation() = Eigen::Vector3d(5, 0, 7);
+  scans[2].part_from_sensor.mean = astray * bracket_views().truth[2];
+  for (const size_t allowed : {0, 1}) {
+    FusionOptions options;
+    options.joint.allowed_left_out = allowed;
+    Fusion fusion(options);
+    for (const TaggedScan& scan : scans) fusion.add(scan);
+    const FusionResult result = fusion.finish();
+    EXPECT_EQ(result.trusted, allowed == 1) << result.reason;
+    EXPECT_EQ(result.advice.empty(), allowed == 1) << result.advice;
+    ASSERT_EQ(result.scans.size(), 4u);
+    for (size_t i = 0; i < 4; ++i) EXPECT_EQ(result.scans[i].left_out.empty(), i != 2) << i;
+    const RayScene part(make_bracket());
+    ASSERT_GT(result.merged.size(), 10000u);
+    size_t far = 0;
+    for (const auto& p : result.merged.points) far += !part.closest(p, 0.3f).has_value();
+    EXPECT_LT(static_cast<double>(far), 2e-3 * static_cast<double>(result.merged.size()));
+  }
+}
+
 TEST(Fusion, MergedCloudLiesOnThePart) {
   const FusionResult result = fuse(bracket_views().scans);
   const RayScene part(make_bracket());

@@ -49,16 +49,17 @@ struct ScanResult {
   size_t dropped_crop = 0;         ///< were outside the part's volume,
   size_t dropped_edges = 0;        ///< at depth steps, outliers or grazing,
   size_t dropped_hidden = 0;       ///< or hidden behind others (scans without grid).
-  bool connected = true;  ///< False: no kept pair leads to it from the first scan; only its tag places it.
+  bool connected = true;  ///< False: no pair leads to it from the first scan; only its tag places it.
+  std::string left_out;   ///< Why it takes no part (ScanReport::left_out); empty: it does.
 };
 
 struct FusionResult {
   RegistrationMethod method = RegistrationMethod::kJoint;
   std::vector<ScanResult> scans;
   Registration registration;      ///< Pairs, parameters, and what the method says of its own result.
-  PointCloud merged;              ///< Part frame, mm, with normals and sigma.
+  PointCloud merged;              ///< Part frame, mm, with normals and sigma; without what is left out.
   MergeReport merge;              ///< What became of the measurements in it.
-  OverlapResidual before, after;  ///< At the tagged and at the final poses.
+  OverlapResidual before, after;  ///< At the tagged and at the final poses, of all scans.
   size_t sides_guessed = 0;    ///< Scans turned over because their data did not tell where the sensor stood.
   bool trusted = true;         ///< False: the result may be wrong, and `reason` says what speaks against it.
   std::string reason, advice;  ///< Why not trusted, and what to do about it.

@@ -18,6 +18,8 @@ struct JointOptions {
   size_t coarse_samples = 0;    ///< Of each scan, in the coarse stage.
   size_t max_partners = 0;      ///< Scans that one scan is matched with: the ones with most in common.
   bool global_fallback = true;  ///< Search without the tagged poses when they lead nowhere.
+  /// Scans that may be left out (ScanReport::left_out) of a result that is to be believed all the same.
+  size_t allowed_left_out = 0;
 };
 
 /// Registration of all scans in one adjustment (method "joint"): every pose is unknown at once, and every
@@ -30,8 +32,11 @@ struct JointOptions {
 ///     thin and flat parts in the directions in which surfaces slide.
 ///  3. Judgement (joint/judgement.h): free-space violation, opposite-face contact, the wobble test, prior
 ///     chi-square, leave-one-scan-out. A result that fails is tried again from a wider start, then from
-///     global proposals scan by scan (global_initialisation.h); what still fails is returned with a
-///     reason, never as a success.
+///     global proposals scan by scan (global_initialisation.h); in a set of more than 32 only the suspicious
+///     scans are placed again, first of all. What still fails is returned with a reason, never as a success.
+///  4. Where a few scans (a quarter at most, and not the first) are all that is wrong, they are left out: the
+///     others are adjusted and judged as if these were not there (joint/attempt.h). ScanReport::left_out says
+///     why; the result is not believed unless JointOptions::allowed_left_out allows as many.
 ///
 /// Tagged poses enter with their covariance, as one factor on all scans together: errors that the scans
 /// share (UncertainPose::shared_factor) leave their relative poses known (joint/tag_prior.h). Covariances of

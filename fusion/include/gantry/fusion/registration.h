@@ -49,6 +49,9 @@ struct ScanReport {
   double leave_one_out_mm = 0;  ///< How far the other scans would move without this one.
   bool connected = true;        ///< Shares surface with the first scan, directly or through others.
   std::string observability;    ///< Directions in which it could slide or turn, or how well it is fixed.
+  /// Why it takes no part, in words that go on from its name: "is not held well enough: slides ...". Its pose
+  /// is the last that was found before it was left out, and may be wrong. Empty: it takes part.
+  std::string left_out;
 };
 
 /// The outcome of any method: a pose for each scan, in the order given; the first scan's is kept as tagged.

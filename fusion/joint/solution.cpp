@@ -1,0 +1,196 @@
+#include "joint/solution.h"
+
+#include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <cmath>
+
+#include "joint/leave_out.h"
+#include "joint/words.h"
+
+namespace gantry::internal {
+namespace {
+
+/// A scan that moves the others by more, when it is taken out, contradicts them.
+constexpr double kWorstLeaveOneOut_mm = 0.25;
+constexpr double kWorstLeaveOneOutInSigmas = 6;
+/// A pose that is less certain than this somewhere on the part is of no use for inspection.
+constexpr double kUncertain_mm = 0.15;
+constexpr double kUncertainInSigmas = 2.2;
+
+constexpr size_t kPolishSamples = 40000;
+
+/// What chi-square exceeds once in a million times (Wilson and Hilferty 1931).
+double chi_square_limit(double degrees) {
+  constexpr double kOneInAMillion = 4.753;  // of a normal variable
+  if (degrees <= 0) return 0;
+  const double spread = 2 / (9 * degrees);
+  return degrees * std::pow(1 - spread + kOneInAMillion * std::sqrt(spread), 3);
+}
+
+/// How far the other scans would go if one were taken out, to first order.
+std::vector<double> leave_one_out(const JointProblem& problem, const Pairs& pairs, const Poses& poses,
+                                  const std::vector<PairSum>& sums, double sigma_mm) {
+  std::vector<double> moved(problem.size(), 0);
+  const NormalEquations equations = equations_of(problem, pairs, poses, sums, sigma_mm);
+  const Eigen::VectorXd unit = equations.hessian().diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
+  Eigen::MatrixXd scaled = unit.asDiagonal() * equations.hessian() * unit.asDiagonal();
+  scaled.diagonal().array() += 1e-12;
+  const LeaveOut leave_out(scaled);
+  for (size_t left_out = 0; left_out < problem.size(); ++left_out) {
+    std::vector<size_t> scans;
+    NormalEquations its(problem.size());
+    for (size_t k = 0; k < pairs.size(); ++k) {
+      const auto& [a, b] = pairs[k];
+      if (a != left_out && b != left_out) continue;
+      its.add_pair(a, b, sums[2 * k], 1 / (sigma_mm * sigma_mm));
+      its.add_pair(b, a, sums[2 * k + 1], 1 / (sigma_mm * sigma_mm));
+      scans.push_back(a == left_out ? b : a);
+    }
+    if (scans.empty()) continue;
+    scans.push_back(left_out);
+    std::vector<Eigen::Index> rows;
+    for (const size_t scan : scans)
+      for (Eigen::Index k = 0; k < 6; ++k) rows.push_back(static_cast<Eigen::Index>(6 * scan) + k);
+    const Eigen::VectorXd its_unit = unit(rows);
+    const Eigen::MatrixXd part = its_unit.asDiagonal() * its.hessian()(rows, rows) * its_unit.asDiagonal();
+    const Eigen::VectorXd down = -(equations.gradient() - its.gradient());
+    const Eigen::VectorXd step = unit.asDiagonal() * leave_out.solve(scans, part, unit.asDiagonal() * down);
+    // What the others' motions are seen against: the first of them.
+    const size_t base = left_out > 0 ? 0 : *std::min_element(scans.begin(), scans.end() - 1);
+    for (size_t i = 0; i < problem.size(); ++i) {
+      // Scans that hang on this one alone are free without it, which is no contradiction.
+      const bool held = std::any_of(pairs.begin(), pairs.end(), [&](const auto& p) {
+        return (p.first == i || p.second == i) && p.first != left_out && p.second != left_out;
+      });
+      if (i == left_out || i == base || !held) continue;
+      const Vector6d relative = step.segment<6>(static_cast<Eigen::Index>(6 * i)) -
+                                step.segment<6>(static_cast<Eigen::Index>(6 * base));
+      moved[left_out] = std::max(moved[left_out],
+                                 relative.tail<3>().norm() + problem.radius_mm * relative.head<3>().norm());
+    }
+  }
+  return moved;
+}
+
+double uncertain_mm(const Attempt& attempt) {
+  return std::max(kUncertain_mm, kUncertainInSigmas * attempt.sigma_mm);
+}
+
+std::vector<Matrix6d> covariances(const PoseCovariance& covariance, const Pose& gauge, size_t scans) {
+  Matrix6d turn = Matrix6d::Zero();
+  turn.topLeftCorner<3, 3>() = gauge.linear();
+  turn.bottomRightCorner<3, 3>() = gauge.linear();
+  std::vector<Matrix6d> result(scans, Matrix6d::Zero());
+  for (size_t i = 1; i < scans; ++i) result[i] = turn * covariance.of(i) * turn.transpose();
+  return result;
+}
+
+}  // namespace
+
+Solution solve_finely(const JointProblem& problem, const Attempt& attempt) {
+  const size_t n = problem.size();
+  const Pairs& pairs = attempt.evidence.pairs;
+  Solution solution;
+  solution.poses = attempt.poses;
+  Poses& poses = solution.poses;
+  std::vector<ActiveBlocks> active;
+  align_fine(problem, pairs, {3 * attempt.sigma_mm, kPolishSamples, 4}, poses, &active);
+  MatchGates gates;
+  gates.stride = 1;
+  gates.scale_mm = std::max(3 * 1.4142 * problem.noise_mm, 3 * attempt.sigma_mm);
+  gates.reach_mm = 3 * gates.scale_mm;
+  gates.max_angle_rad = 0.35;
+  gates.normal_variance = problem.normal_variance;
+  std::vector<std::vector<BlockSum>> blocks;
+  EdgeEvidence edges;
+  solution.leave_one_out_mm.assign(n, 0);
+  if (!pairs.empty()) {
+    const auto step_by = [&](const std::vector<PairSum>& by) {
+      apply_step(problem, equations_of(problem, pairs, poses, by, attempt.sigma_mm).solve(), poses);
+    };
+    step_by(match_all(problem, pairs, poses, gates, nullptr, &active));
+    solution.sums = match_all(problem, pairs, poses, gates, &blocks, &active, &edges);
+    solution.leave_one_out_mm = leave_one_out(problem, pairs, poses, solution.sums, attempt.sigma_mm);
+    step_by(solution.sums);
+  }
+  solution.pairs = pairs;
+  solution.edge_sigma_mm = edges.sigma_mm;
+  solution.gauge = problem.scans[0].part_from_grid() * poses[0].inverse();
+  solution.from_tags = problem.tag_prior.chi_square(errors_of_tags(problem, poses));
+  solution.covariance =
+      covariances(pose_covariance(problem, pairs, solution.sums, blocks, edges), solution.gauge, n);
+  const Pairs& others = attempt.evidence.pairs_of_left_out;
+  if (attempt.left_out_count() == 0) return solution;
+
+  // What is left out has been drawn to its tag, where it does not disturb the others: back to where it was.
+  for (const auto& [a, b] : others) {
+    const size_t scan = attempt.left_out[a].empty() ? b : a;
+    poses[scan] = poses[0] * attempt.poses[0].inverse() * attempt.poses[scan];
+  }
+  std::vector<std::vector<BlockSum>> its_blocks;
+  EdgeEvidence its_edges;
+  const std::vector<PairSum> its_sums =
+      match_all(problem, others, poses, gates, &its_blocks, nullptr, &its_edges);
+  const auto append = [](auto& to, const auto& from) { to.insert(to.end(), from.begin(), from.end()); };
+  append(solution.pairs, others);
+  append(solution.sums, its_sums);
+  append(blocks, its_blocks);
+  append(edges.if_source_stood_out, its_edges.if_source_stood_out);
+  const std::vector<Matrix6d> with_all =
+      covariances(pose_covariance(problem, solution.pairs, solution.sums, blocks, edges), solution.gauge, n);
+  const TagPrior::ChiSquare from_tags = problem.tag_prior.chi_square(errors_of_tags(problem, poses));
+  for (size_t i = 0; i < n; ++i) {
+    if (attempt.left_out[i].empty()) continue;
+    solution.covariance[i] = with_all[i];
+    solution.from_tags.own[i] = from_tags.own[i];
+  }
+  return solution;
+}
+
+std::string observability_of(const JointProblem& problem, const Attempt& attempt, const Solution& solution,
+                             size_t scan) {
+  if (scan == 0) return "the reference";
+  return observability_in_words(solution.covariance[scan], problem.radius_mm, uncertain_mm(attempt));
+}
+
+Objections objections_to(const JointProblem& problem, const Attempt& attempt, const Solution& solution) {
+  const double worst_leave_one_out_mm =
+      std::max(kWorstLeaveOneOut_mm, kWorstLeaveOneOutInSigmas * attempt.sigma_mm);
+  const double worst_prior_chi_square = chi_square_limit(6);
+  Vector6d unit;
+  unit << Eigen::Vector3d::Constant(problem.radius_mm), Eigen::Vector3d::Ones();
+  // A scan that pulls at the others makes them look bad, too: the worst one is enough for once.
+  const auto pulls = std::max_element(solution.leave_one_out_mm.begin(), solution.leave_one_out_mm.end());
+  if (*pulls > worst_leave_one_out_mm)
+    return {{static_cast<size_t>(pulls - solution.leave_one_out_mm.begin()),
+             text("contradicts the others: without it they would move by %.2f mm (limit %.2f mm)", *pulls,
+                  worst_leave_one_out_mm)}};
+  Objections far, uncertain;
+  for (size_t i = 0; i < problem.size(); ++i) {
+    if (!attempt.left_out[i].empty()) continue;
+    if (solution.from_tags.own[i] > worst_prior_chi_square) {
+      far.emplace_back(i, text("ended further from its tagged pose than the tag's covariance allows "
+                               "(chi-square %.0f, limit %.0f)",
+                               solution.from_tags.own[i], worst_prior_chi_square));
+      continue;
+    }
+    const Matrix6d scaled = unit.asDiagonal() * solution.covariance[i] * unit.asDiagonal();
+    if (Eigen::SelfAdjointEigenSolver<Matrix6d>(scaled).eigenvalues()(5) > std::pow(uncertain_mm(attempt), 2))
+      uncertain.emplace_back(i,
+                             "is not held well enough: " + observability_of(problem, attempt, solution, i));
+  }
+  far.insert(far.end(), uncertain.begin(), uncertain.end());
+  return far;
+}
+
+std::string objection_to_all(const JointProblem& problem, const Solution& solution) {
+  const double worst = chi_square_limit(static_cast<double>(problem.tag_prior.parameters()));
+  if (solution.from_tags.shared <= worst) return "";
+  return text(
+      "the scans together ended further from their tagged poses than the stated calibration allows "
+      "(chi-square %.0f, limit %.0f)",
+      solution.from_tags.shared, worst);
+}
+
+}  // namespace gantry::internal
