@@ -73,9 +73,10 @@ TriangleMesh read_by_assimp(const std::filesystem::path& path) {
 
 TriangleMesh read_ply_mesh(const std::filesystem::path& path) {
   internal::PointTable table = internal::read_points(path);
-  const std::vector<float>&x = table.columns.at("x"), &y = table.columns.at("y"), &z = table.columns.at("z");
+  const std::vector<double>&x = table.columns.at("x"), &y = table.columns.at("y"), &z = table.columns.at("z");
   TriangleMesh mesh;
-  for (size_t i = 0; i < x.size(); ++i) mesh.vertices.emplace_back(x[i], y[i], z[i]);
+  for (size_t i = 0; i < x.size(); ++i)
+    mesh.vertices.push_back(Eigen::Vector3d(x[i], y[i], z[i]).cast<float>());
   mesh.triangles = std::move(table.triangles);
   return mesh;
 }
