@@ -13,6 +13,7 @@
 #include "gantry/geometry/scan_file.h"
 #include "gantry/sim/bracket.h"
 #include "gantry/sim/parts.h"
+#include "gantry/sim/scan_set.h"
 #include "gantry/sim/views.h"
 
 namespace {
@@ -82,34 +83,12 @@ void write_parts(const PartsOptions& o) {
   write("turned_bumps.stl", make_revolved_part(RevolvedFeature::kBumps));
 }
 
-/// Scaled to the height (extent along y) and moved so that the middle of its bounding box is the origin.
-TriangleMesh scaled_to_height(TriangleMesh mesh, double height_mm) {
-  const Eigen::Vector3f centre = mesh.bounds().center();
-  const float height = mesh.bounds().sizes().y();
-  if (height <= 0) throw InputError("--height: the part has no extent along y");
-  for (Eigen::Vector3f& vertex : mesh.vertices)
-    vertex = (vertex - centre) * (static_cast<float>(height_mm) / height);
-  return mesh;
-}
-
-/// The measured points alone, in their order, without the grid.
-Scan without_grid(const Scan& scan) {
-  Scan points;
-  for (size_t i = 0; i < scan.points.size(); ++i)
-    if (scan.valid(i)) points.points.push_back(scan.points[i]);
-  points.width = static_cast<int>(points.points.size());
-  points.height = 1;
-  return points;
-}
-
 void write_scans(const ScansOptions& o) {
   TriangleMesh part = read_mesh(o.part);
   if (o.height_mm > 0) part = scaled_to_height(std::move(part), o.height_mm);
   const std::vector<Pose> truth = poisson_disc_views(part, o.sensor, o.views, o.seed);
   const Eigen::Vector3d centre = part.bounds().center().cast<double>();
-  std::vector<Pose> initial;
-  for (size_t i = 0; i < truth.size(); ++i)
-    initial.push_back(perturbation(o.seed, i, centre, o.band[0], o.band[1]) * truth[i]);
+  const std::vector<Pose> initial = perturbed_poses(truth, centre, o.band[0], o.band[1], o.seed);
   create_folder(o.out);
   write_mesh(o.out / "part.ply", part);
   write_poses(o.out / "truth.txt", truth);
@@ -117,7 +96,7 @@ void write_scans(const ScansOptions& o) {
 
   const RayScene scene(std::move(part));
   for (size_t i = 0; i < truth.size(); ++i) {
-    const Scan scan = trace_scan(o.sensor, scene, truth[i], truth[i], o.seed, i);
+    const Scan scan = scan_of_view(o.sensor, scene, truth, i, o.seed);
     char name[32];
     std::snprintf(name, sizeof name, "scan_%02zu.pcd", i);
     // The VIEWPOINT stays the identity: the truth must not lie where registration would find it.

@@ -32,7 +32,7 @@ struct Options {
   std::filesystem::path initial, out;
   std::vector<double> prior;
   std::vector<double> crop;
-  std::string method = "joint", pairwise, sampling, unit = "mm";
+  std::string method = "joint", pairwise, sampling, unit = "mm", initial_unit = "mm";
   double voxel_size_mm = 0, m = 0, p = 0, max_distance_threshold_mm = 0, edge_prune_threshold_mm = 0;
   double start_mm = 0, noise_mm = 0, merge_voxel_mm = 0;
   size_t allowed_left_out = 0;
@@ -139,13 +139,13 @@ void warn_of_unit(const TaggedScan& scan) {
 FusionResult fuse(const Options& o) {
   const std::vector<Source> sources = sources_of(o.scans);
   const std::vector<std::string> names = names_of(sources);
-  const double unit_mm = o.unit == "m" ? 1000.0 : 1.0;
+  const auto in_mm = [](const std::string& unit) { return unit == "m" ? 1000.0 : 1.0; };
   std::vector<Pose> poses;
-  if (!o.initial.empty()) poses = read_poses(o.initial, sources.size());
+  if (!o.initial.empty()) poses = read_poses(o.initial, sources.size(), in_mm(o.initial_unit));
   Fusion fusion(fusion_options(o));
   for (size_t i = 0; i < sources.size(); ++i) {
     const auto& [path, tag] = sources[i];
-    ScanFile file = read_scan(path, unit_mm);
+    ScanFile file = read_scan(path, in_mm(o.unit));
     if (poses.empty() && !file.has_pose && !tag)
       throw InputError(path.string() +
                        ": holds no VIEWPOINT; give the initial poses with --initial POSES.txt");
@@ -264,9 +264,14 @@ RegisterCommand::RegisterCommand(CLI::App& app) : impl_(std::make_unique<Impl>()
   command
       ->add_option("scans", o.scans, "Scans: PLY (a range_grid makes it organised) or PCD; or a run folder")
       ->required();
-  command->add_option("--initial", o.initial,
-                      "POSES.txt: a 4x4 world_from_scan in mm for each scan; otherwise each scan's own pose: "
-                      "the run's, or the PCD's VIEWPOINT");
+  auto* initial = command->add_option("--initial", o.initial,
+                                      "POSES.txt: a 4x4 world_from_scan for each scan, in mm unless "
+                                      "--initial-unit says otherwise; without it "
+                                      "each scan's own pose: the run's, or the PCD's VIEWPOINT");
+  command->add_option("--initial-unit", o.initial_unit, "Unit of POSES.txt: mm or m")
+      ->needs(initial)
+      ->check(CLI::IsMember({"mm", "m"}))
+      ->capture_default_str();
   command
       ->add_option("--prior", o.prior,
                    "Standard deviation of the initial poses about each scan's middle: MM,DEG; default: the "
@@ -281,7 +286,9 @@ RegisterCommand::RegisterCommand(CLI::App& app) : impl_(std::make_unique<Impl>()
       ->add_option("--crop", o.crop, "x0,y0,z0,x1,y1,z1: what lies outside is no part, mm in the part frame")
       ->delimiter(',')
       ->expected(6);
-  command->add_option("--unit", o.unit, "Unit of the scan files: mm or m")
+  command
+      ->add_option("--unit", o.unit,
+                   "Unit of the scan files and of the poses in them: mm or m; results are in mm")
       ->check(CLI::IsMember({"mm", "m"}))
       ->capture_default_str();
   command->add_option("--out", o.out, "Folder for the results")->required();

@@ -10,6 +10,9 @@ function(gantry_compile_options target)
     # Not one finding may scroll by: undefined behaviour ends the program, as a bad access does.
     target_compile_options(${target} PUBLIC -fsanitize=${GANTRY_SANITIZE} -fno-sanitize-recover=all -fno-omit-frame-pointer)
     target_link_options(${target} PUBLIC -fsanitize=${GANTRY_SANITIZE})
+    # Eigen allocates otherwise with AddressSanitizer than without, as Debian's PCL does: whatever one of the
+    # two allocates and the other frees would end the program.
+    target_compile_definitions(${target} PUBLIC EIGEN_MALLOC_ALREADY_ALIGNED=1)
   endif()
 endfunction()
 

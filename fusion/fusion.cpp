@@ -41,10 +41,27 @@ Eigen::Vector3d centre_of(const RangeSurface& s) {
   return s.sensor_from_grid * Eigen::Vector3d(sum / std::max(1.0, count));
 }
 
+/// The same poses in a part frame of which the origin lies elsewhere: what was at the origin is now at
+/// `there`.
+void move_origin(UncertainPose& part_from_sensor, const Eigen::Vector3d& there) {
+  Pose shift = Pose::Identity();
+  shift.translation() = there;
+  const Matrix6d of_errors = adjoint(shift);
+  part_from_sensor.mean.translation() += there;
+  part_from_sensor.shared_factor = of_errors * part_from_sensor.shared_factor;
+  part_from_sensor.independent = of_errors * part_from_sensor.independent * of_errors.transpose();
+}
+
+/// The paper's methods lay grids over the part and turn scans about its origin. So that the result does not
+/// depend on where the origin happens to lie, they work about the middle of the first scan.
 Registration register_scans(const std::vector<RangeSurface>& scans, const FusionOptions& options) {
   if (options.method == RegistrationMethod::kJoint) return register_joint(scans, options.joint);
+  const Eigen::Vector3d middle = scans[0].part_from_sensor.mean * centre_of(scans[0]);
   std::vector<ScanSurface> surfaces(scans.size());
-  tbb::parallel_for(size_t{0}, scans.size(), [&](size_t i) { surfaces[i] = scan_surface(scans[i]); });
+  tbb::parallel_for(size_t{0}, scans.size(), [&](size_t i) {
+    surfaces[i] = scan_surface(scans[i]);
+    move_origin(surfaces[i].part_from_sensor, -middle);
+  });
   Registration registration;
   if (options.method == RegistrationMethod::kGlobalIcp) {
     registration = register_global_icp(surfaces, options.global_icp);
@@ -55,6 +72,8 @@ Registration register_scans(const std::vector<RangeSurface>& scans, const Fusion
     registration = register_pose_graph(surfaces, options.pose_graph);
   }
   surfaces.clear();
+  for (UncertainPose& pose : registration.part_from_sensor) move_origin(pose, middle);
+  registration.part_from_sensor[0].mean = scans[0].part_from_sensor.mean;  // to the last bit
   internal::check_free_space(scans, registration);
   return registration;
 }

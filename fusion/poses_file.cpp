@@ -21,7 +21,7 @@ std::string shown(std::string text) {
 
 }  // namespace
 
-std::vector<Pose> read_poses(const std::filesystem::path& path, size_t expected) {
+std::vector<Pose> read_poses(const std::filesystem::path& path, size_t expected, double unit_mm) {
   std::ifstream file(path);
   if (!file || std::filesystem::is_directory(path))
     throw InputError(path.string() + ": cannot be opened for reading");
@@ -50,7 +50,7 @@ std::vector<Pose> read_poses(const std::filesystem::path& path, size_t expected)
       fail("expected '0 0 0 1' as the fourth row");
     Pose pose = Pose::Identity();
     pose.linear() = Eigen::Quaterniond(r).normalized().toRotationMatrix();
-    pose.translation() = matrix.topRightCorner<3, 1>();
+    pose.translation() = unit_mm * matrix.topRightCorner<3, 1>();
     poses.push_back(pose);
   }
   if (row != 0) fail("the file ends in the middle of a pose");

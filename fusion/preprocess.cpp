@@ -45,7 +45,6 @@ ScanSurface scan_surface(const RangeSurface& surface) {
 }
 
 ScanSurface preprocess(const TaggedScan& scan, const PreprocessOptions& options) {
-  validate(options);
   return scan_surface(make_range_surface(scan, options));
 }
 

@@ -9,6 +9,7 @@
 #include <cmath>
 #include <numeric>
 
+#include "ascii_stl.h"
 #include "file_guard.h"
 #include "gantry/foundation/error.h"
 #include "point_table.h"
@@ -73,9 +74,10 @@ TriangleMesh read_by_assimp(const std::filesystem::path& path) {
 
 TriangleMesh read_ply_mesh(const std::filesystem::path& path) {
   internal::PointTable table = internal::read_points(path);
-  const std::vector<float>&x = table.columns.at("x"), &y = table.columns.at("y"), &z = table.columns.at("z");
+  const std::vector<double>&x = table.columns.at("x"), &y = table.columns.at("y"), &z = table.columns.at("z");
   TriangleMesh mesh;
-  for (size_t i = 0; i < x.size(); ++i) mesh.vertices.emplace_back(x[i], y[i], z[i]);
+  for (size_t i = 0; i < x.size(); ++i)
+    mesh.vertices.push_back(Eigen::Vector3d(x[i], y[i], z[i]).cast<float>());
   mesh.triangles = std::move(table.triangles);
   return mesh;
 }
@@ -89,7 +91,9 @@ TriangleMesh read_mesh(const std::filesystem::path& path, double unit_mm) {
   // Assimp knows dozens of formats; none but these has been tried on broken files.
   if (extension != ".stl" && extension != ".obj" && extension != ".ply")
     throw InputError(name + ": meshes are read from .stl, .ply or .obj, not '" + extension + "'");
-  TriangleMesh soup = extension == ".ply" ? read_ply_mesh(path) : read_by_assimp(path);
+  TriangleMesh soup = extension == ".ply"                                   ? read_ply_mesh(path)
+                      : extension == ".stl" && internal::is_ascii_stl(path) ? internal::read_ascii_stl(path)
+                                                                            : read_by_assimp(path);
   for (size_t i = 0; i < soup.vertices.size(); ++i) {
     Eigen::Vector3f& v = soup.vertices[i];
     v = (v.cast<double>() * unit_mm).cast<float>();

@@ -168,7 +168,7 @@ class Body {
  private:
   /// Only once the body was found to be long enough.
   void set_aside() {
-    for (std::vector<float>* column : columns_)
+    for (std::vector<double>* column : columns_)
       if (column) column->resize(count_);
   }
 
@@ -177,7 +177,7 @@ class Body {
       for (size_t f = 0; f < columns_.size(); ++f)
         for (size_t k = 0; k < header_.fields[f].count; ++k) {
           const double value = reader.next(header_.fields[f].type);
-          if (columns_[f]) (*columns_[f])[i] = static_cast<float>(value);
+          if (columns_[f]) (*columns_[f])[i] = value;
         }
   }
 
@@ -213,8 +213,7 @@ class Body {
   void read_column(size_t field, std::string_view bytes, size_t step) {
     if (!columns_[field]) return;
     for (size_t i = 0; i < count_; ++i)
-      (*columns_[field])[i] =
-          static_cast<float>(decode_number(bytes.data() + i * step, header_.fields[field].type, false));
+      (*columns_[field])[i] = decode_number(bytes.data() + i * step, header_.fields[field].type, false);
   }
 
   const Header& header_;
@@ -223,7 +222,7 @@ class Body {
   const std::filesystem::path& path_;
   size_t count_;
   size_t point_bytes_ = 0, numbers_ = 0;
-  std::vector<std::vector<float>*> columns_;  ///< For each field; null: not kept.
+  std::vector<std::vector<double>*> columns_;  ///< For each field; null: not kept.
 };
 
 }  // namespace

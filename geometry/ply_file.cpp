@@ -140,7 +140,7 @@ class Body {
   }
 
   void read_vertices(const Element& element) {
-    std::vector<std::vector<float>*> columns;
+    std::vector<std::vector<double>*> columns;
     for (const Property& property : element.properties) {
       columns.push_back(property.length ? nullptr : column_for(table_, property.name));
       if (!columns.back()) continue;
@@ -150,7 +150,7 @@ class Body {
     for (size_t i = 0; i < element.count; ++i)
       for (size_t k = 0; k < columns.size(); ++k) {
         read_property(element.properties[k]);
-        if (columns[k]) columns[k]->push_back(static_cast<float>(list_[0]));
+        if (columns[k]) columns[k]->push_back(list_[0]);
       }
     vertices_ = table_.width = element.count;
     table_.height = 1;
@@ -209,7 +209,7 @@ class Body {
 
   void spread_over_grid() {
     for (auto& [name, column] : table_.columns) {
-      std::vector<float> spread(grid_->size(), std::numeric_limits<float>::quiet_NaN());
+      std::vector<double> spread(grid_->size(), std::numeric_limits<double>::quiet_NaN());
       for (size_t i = 0; i < spread.size(); ++i)
         if ((*grid_)[i] >= 0) spread[i] = column[static_cast<size_t>((*grid_)[i])];
       column = std::move(spread);

@@ -12,7 +12,7 @@ namespace gantry {
 
 PointCloud read_point_cloud(const std::filesystem::path& path, double unit_mm, size_t* dropped) {
   const internal::PointTable table = internal::read_points(path);
-  const std::vector<float>&x = table.columns.at("x"), &y = table.columns.at("y"), &z = table.columns.at("z");
+  const std::vector<double>&x = table.columns.at("x"), &y = table.columns.at("y"), &z = table.columns.at("z");
   const bool normals = table.has("normal_x") && table.has("normal_y") && table.has("normal_z");
   const bool sigma = table.has("sigma");
   PointCloud cloud;
@@ -25,9 +25,10 @@ PointCloud read_point_cloud(const std::filesystem::path& path, double unit_mm, s
     }
     cloud.points.push_back(point);
     if (normals)
-      cloud.normals.push_back(Eigen::Vector3f(table.columns.at("normal_x")[i],
+      cloud.normals.push_back(Eigen::Vector3d(table.columns.at("normal_x")[i],
                                               table.columns.at("normal_y")[i],
                                               table.columns.at("normal_z")[i])
+                                  .cast<float>()
                                   .stableNormalized());
     if (!sigma) continue;
     const float sigma_mm = static_cast<float>(table.columns.at("sigma")[i] * unit_mm);

@@ -8,7 +8,7 @@
 
 namespace gantry::internal {
 
-std::vector<float>* column_for(PointTable& table, const std::string& field) {
+std::vector<double>* column_for(PointTable& table, const std::string& field) {
   constexpr std::array<std::pair<const char*, const char*>, 10> kKept = {{{"x", "x"},
                                                                           {"y", "y"},
                                                                           {"z", "z"},

@@ -16,8 +16,9 @@ struct PointTable {
   size_t width = 0;
   size_t height = 0;  ///< 1: not organised.
   /// Numbers of width * height points by the name of their field; NaN in the gaps of a grid. Only x, y, z,
-  /// normal_x, normal_y, normal_z (also called nx, ny, nz in files) and sigma are kept.
-  std::map<std::string, std::vector<float>> columns;
+  /// normal_x, normal_y, normal_z (also called nx, ny, nz in files) and sigma are kept. Double: rounded before
+  /// it is brought to mm, a file in another unit would not give the same points.
+  std::map<std::string, std::vector<double>> columns;
   Eigen::Vector3d sensor_position = Eigen::Vector3d::Zero();
   Eigen::Matrix3d sensor_axes = Eigen::Matrix3d::Identity();  ///< A rotation, or else the file is wrong.
   std::vector<Eigen::Vector3i> triangles;                     ///< Polygons as fans; none beside a grid.
@@ -30,7 +31,7 @@ struct PointTable {
 PointTable read_points(const std::filesystem::path& path);
 
 /// The column that a field of this name fills, null when it is not kept.
-std::vector<float>* column_for(PointTable& table, const std::string& field);
+std::vector<double>* column_for(PointTable& table, const std::string& field);
 
 PointTable read_ply(const std::filesystem::path& path);
 PointTable read_pcd(const std::filesystem::path& path);

@@ -52,7 +52,7 @@ ScanFile read_scan(const std::filesystem::path& path, double unit_mm) {
   if (table.width > kMostSide || table.height > kMostSide)
     throw InputError(path.string() + ": is too large: " + std::to_string(table.width) + " x " +
                      std::to_string(table.height) + " points");
-  const std::vector<float>&x = table.columns.at("x"), &y = table.columns.at("y"), &z = table.columns.at("z");
+  const std::vector<double>&x = table.columns.at("x"), &y = table.columns.at("y"), &z = table.columns.at("z");
   ScanFile file;
   file.scan.width = static_cast<int>(table.width);
   file.scan.height = static_cast<int>(table.height);

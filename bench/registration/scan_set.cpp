@@ -9,22 +9,17 @@
 #include "gantry/geometry/mesh_file.h"
 #include "gantry/sim/bracket.h"
 #include "gantry/sim/parts.h"
+#include "gantry/sim/scan_set.h"
 #include "gantry/sim/views.h"
 
 namespace gantry::bench {
 namespace {
 
-constexpr float kBunnyHeightMm = 150;
+constexpr double kBunnyHeightMm = 150;
 constexpr double kPriorMm = 15;
 constexpr double kPriorRad = 15 * std::numbers::pi / 180;
 /// One of so many measured points is a probe.
 constexpr size_t kProbeStride = 101;
-
-TriangleMesh scaled_about_centre(TriangleMesh mesh, float scale) {
-  const Eigen::Vector3f centre = mesh.bounds().center();
-  for (Eigen::Vector3f& vertex : mesh.vertices) vertex = (vertex - centre) * scale;
-  return mesh;
-}
 
 /// Round patches of lost pixels, as dark paint leaves them, until the fraction is reached.
 void drop_patches(Scan& scan, double fraction, uint64_t seed) {
@@ -51,15 +46,6 @@ void drop_patches(Scan& scan, double fraction, uint64_t seed) {
   }
 }
 
-Scan points_alone(const Scan& scan) {
-  Scan points;
-  for (size_t i = 0; i < scan.points.size(); ++i)
-    if (scan.valid(i)) points.points.push_back(scan.points[i]);
-  points.width = static_cast<int>(points.points.size());
-  points.height = 1;
-  return points;
-}
-
 }  // namespace
 
 const std::vector<std::string>& part_names() {
@@ -71,8 +57,7 @@ const std::vector<std::string>& part_names() {
 TriangleMesh make_part(const std::string& name, const std::filesystem::path& bunny) {
   if (name == "bunny") {
     if (bunny.empty()) throw InputError("part bunny: its mesh is needed (--bunny FILE)");
-    TriangleMesh mesh = read_mesh(bunny, 1000);
-    return scaled_about_centre(mesh, kBunnyHeightMm / mesh.bounds().sizes().y());
+    return scaled_to_height(read_mesh(bunny, 1000), kBunnyHeightMm);
   }
   if (name == "bracket") return make_bracket();
   if (name == "slim-lever") return make_slim_lever();
@@ -96,7 +81,7 @@ ScanSet ScannedPart::scan(const ScanSettings& settings) const {
   for (size_t i = 0; i < set.truth.size(); ++i) {
     TaggedScan tagged;
     tagged.name = "scan " + std::to_string(i);
-    tagged.scan = trace_scan(settings.sensor, scene_, set.truth[i], set.truth[i], settings.noise_seed, i);
+    tagged.scan = scan_of_view(settings.sensor, scene_, set.truth, i, settings.noise_seed);
     if (settings.dark_fraction > 0)
       drop_patches(tagged.scan, settings.dark_fraction, 1000 * settings.noise_seed + i);
     std::vector<Eigen::Vector3d> probes;
@@ -107,7 +92,7 @@ ScanSet ScannedPart::scan(const ScanSettings& settings) const {
     }
     set.valid_points += valid;
     set.probes.push_back(std::move(probes));
-    if (settings.without_grid) tagged.scan = points_alone(tagged.scan);
+    if (settings.without_grid) tagged.scan = without_grid(tagged.scan);
     set.scans.push_back(std::move(tagged));
   }
   set.valid_points /= set.scans.size();
@@ -120,10 +105,11 @@ std::vector<UncertainPose> initial_poses(const ScanSet& set, double from, double
   at_centre.diagonal().tail<3>().setConstant(kPriorMm * kPriorMm);
   Matrix6d origin_from_centre = Matrix6d::Identity();
   origin_from_centre.bottomLeftCorner<3, 3>() = cross_matrix(set.centre);
-  std::vector<UncertainPose> initial(set.truth.size());
-  for (size_t i = 0; i < initial.size(); ++i) {
-    initial[i].mean = perturbation(seed, i, set.centre, from, to) * set.truth[i];
-    initial[i].independent = origin_from_centre * at_centre * origin_from_centre.transpose();
+  std::vector<UncertainPose> initial;
+  for (const Pose& pose : perturbed_poses(set.truth, set.centre, from, to, seed)) {
+    UncertainPose& tag = initial.emplace_back();
+    tag.mean = pose;
+    tag.independent = origin_from_centre * at_centre * origin_from_centre.transpose();
   }
   return initial;
 }

@@ -204,6 +204,7 @@ PackedNormal pack_normal(const Eigen::Vector3f& n) {
 }
 
 RangeSurface make_range_surface(const TaggedScan& tagged, const PreprocessOptions& options) {
+  validate(options);
   const Scan& scan = tagged.scan;
   RangeSurface s;
   s.name = tagged.name;

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
+#include <iomanip>
 #include <nlohmann/json.hpp>
 
 #include "apps/process.h"
@@ -125,6 +126,68 @@ TEST_F(Register, ScansInAnotherUnitAreToldByTheirSize) {
   const ProcessResult process = run_all({"--unit", "m", "--no-merge"});
   EXPECT_NE(process.err.find("scan_00.pcd: is "), std::string::npos) << process.err;
   EXPECT_NE(process.err.find("--unit"), std::string::npos) << process.err;
+}
+
+/// POSES.txt of these poses, in a unit of so many mm, after everything was moved.
+std::string poses_text(const std::vector<Eigen::Matrix4d>& poses, double unit_mm, const Eigen::Vector3d& moved_mm) {
+  std::ostringstream text;
+  text << std::setprecision(17);
+  for (Eigen::Matrix4d pose : poses) {
+    pose.topRightCorner<3, 1>() = (pose.topRightCorner<3, 1>() + moved_mm) / unit_mm;
+    text << pose << "\n";
+  }
+  return text.str();
+}
+
+/// How far apart two sets of poses put the bracket's corners, in mm.
+double furthest_mm(const std::vector<Eigen::Matrix4d>& a, const std::vector<Eigen::Matrix4d>& b) {
+  double furthest = 0;
+  for (size_t i = 0; i < kViews; ++i)
+    for (int corner = 0; corner < 8; ++corner) {
+      const Eigen::Vector4d p(corner & 1 ? 120 : 0, corner & 2 ? 20 : -20, corner & 4 ? 40 : 0, 1);
+      furthest = std::max(furthest, (a.at(i) * b.at(i).inverse() * p - p).norm());
+    }
+  return furthest;
+}
+
+TEST_F(Register, MetresGiveTheSamePosesAsMillimetres) {
+  std::vector<std::string> metres;
+  for (size_t i = 0; i < kViews; ++i) {
+    const Scan scan = read_scan(this->scan(i)).scan;
+    metres.push_back(folder_ / (std::to_string(i) + ".pcd"));
+    std::ofstream file(metres.back(), std::ios::binary);
+    file << "VERSION 0.7\nFIELDS x y z\nSIZE 8 8 8\nTYPE F F F\nCOUNT 1 1 1\nWIDTH " << scan.width << "\nHEIGHT "
+         << scan.height << "\nDATA binary\n";
+    for (const Eigen::Vector3f& point : scan.points) {
+      const Eigen::Vector3d p = point.cast<double>() / 1000;
+      file.write(reinterpret_cast<const char*>(p.data()), 3 * sizeof(double));
+    }
+  }
+  const auto initial = poses_in(*scans_ / "initial.txt");
+  write_text(folder_ / "m.txt", poses_text(initial, 1000, {0, 0, 0}));
+  run_all({"--no-merge"});
+  const auto in_mm = poses_in(out() + "/poses.txt");
+  const ProcessResult process = run(metres, {"--no-merge", "--unit", "m", "--initial", folder_ / "m.txt", "--initial-unit", "m"});
+  EXPECT_EQ(process.exit_code, 0) << process.err;
+  EXPECT_EQ(process.err, "") << "no doubt about the unit";
+  EXPECT_LT(furthest_mm(in_mm, poses_in(out() + "/poses.txt")), 1e-5);
+}
+
+TEST_F(Register, TheOriginMayLieTenMetresAway) {
+  const Eigen::Vector3d away(6000, -7000, 4000);
+  write_text(folder_ / "far.txt", poses_text(poses_in(*scans_ / "initial.txt"), 1, away));
+  run_all({"--no-merge"});
+  const auto here = poses_in(out() + "/poses.txt");
+  EXPECT_EQ(run(all_scans(), {"--no-merge", "--initial", folder_ / "far.txt"}).exit_code, 0);
+  auto back = poses_in(out() + "/poses.txt");
+  for (Eigen::Matrix4d& pose : back) pose.topRightCorner<3, 1>() -= away;
+  EXPECT_LT(furthest_mm(here, back), 1e-5);
+}
+
+TEST_F(Register, TheUnitOfPosesThatAreNotGivenIsRefused) {
+  const ProcessResult process = run(all_scans(), {"--initial-unit", "m"});
+  EXPECT_EQ(process.exit_code, 2);
+  EXPECT_NE(process.err.find("--initial-unit requires --initial"), std::string::npos) << process.err;
 }
 
 TEST_F(Register, WritesWhatItKnows) {

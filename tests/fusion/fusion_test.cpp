@@ -158,6 +158,37 @@ TEST(Fusion, MergesNoScanThatIsLeftOut) {
   }
 }
 
+TEST_P(FusionMethod, DoesNotCareWhereTheOriginIs) {
+  const auto poses_at = [](const Eigen::Vector3d& origin) {
+    Pose away = Pose::Identity();
+    away.translation() = origin;
+    FusionOptions options;
+    options.method = GetParam();
+    options.merge_scans = false;
+    Fusion fusion(options);
+    for (TaggedScan scan : bracket_views().scans) {
+      scan.part_from_sensor.mean = away * scan.part_from_sensor.mean;
+      scan.part_from_sensor.independent =
+          adjoint(away) * scan.part_from_sensor.independent * adjoint(away).transpose();
+      fusion.add(scan);
+    }
+    std::vector<UncertainPose> poses = fusion.finish().registration.part_from_sensor;
+    for (UncertainPose& pose : poses) {
+      pose.mean = away.inverse() * pose.mean;
+      pose.independent = adjoint(away.inverse()) * pose.independent * adjoint(away.inverse()).transpose();
+    }
+    return poses;
+  };
+  const auto here = poses_at({0, 0, 0}), far = poses_at({6000, -7000, 4000});  // 10 m
+  for (size_t i = 1; i < here.size(); ++i) {
+    for (const Eigen::Vector3d& p : {Eigen::Vector3d(0, -20, 0), Eigen::Vector3d(120, 20, 40)})
+      EXPECT_LT((far[i].mean * here[i].mean.inverse() * p - p).norm(), 1e-5) << i;
+    EXPECT_NEAR(point_sigma_mm(far[i].independent, bracket_middle()) /
+                    point_sigma_mm(here[i].independent, bracket_middle()),
+                1, 1e-3);
+  }
+}
+
 TEST(Fusion, MergedCloudLiesOnThePart) {
   const FusionResult result = fuse(bracket_views().scans);
   const RayScene part(make_bracket());

@@ -25,6 +25,14 @@ TEST(PosesFile, ReadsWhatItWrote) {
   }
 }
 
+TEST(PosesFile, MetresAreBroughtToMillimetres) {
+  const TemporaryFolder folder;
+  const auto path = folder.write("m.txt", "0 -1 0 0.25\n1 0 0 -1.5\n0 0 1 2\n0 0 0 1\n");
+  const Pose pose = read_poses(path, 1, 1000)[0];
+  EXPECT_EQ(pose.translation(), Eigen::Vector3d(250, -1500, 2000));
+  EXPECT_TRUE(pose.linear().isApprox(read_poses(path, 1)[0].linear(), 1e-15));
+}
+
 TEST(PosesFile, CommentsAndBlankLinesMayStandAnywhere) {
   const TemporaryFolder folder;
   const auto path =

@@ -266,6 +266,7 @@ TEST(Preprocess, OptionsOutOfRangeAreNamed) {
     PreprocessOptions options;
     set(options);
     expect_input_error([&] { validate(options); }, {key});
+    expect_input_error([&] { make_range_surface(plate_scan(0), options); }, {key});
     expect_input_error([&] { preprocess(plate_scan(0), options); }, {key});
   };
   EXPECT_NO_THROW(validate({}));

@@ -42,11 +42,6 @@ std::vector<std::string> seeds() {
 
 }  // namespace gantry::fuzz
 
-/// Assimp leaks some bytes of meshes that it gives up on; none is ours.
-extern "C" const char* __lsan_default_suppressions() {
-  return "leak:libassimp";
-}
-
 int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
   using namespace gantry;
   static const fuzz::InputFile stl("input.stl"), obj("input.obj"), ply("input.ply");

@@ -84,6 +84,50 @@ TEST_F(MeshFile, ReadsAsciiStlAndObj) {
   }
 }
 
+/// As programs of all kinds write it: two solids, keywords in capitals, lines of Windows, a normal that is
+/// none.
+const std::string kAsciiStl =
+    "solid the part, facet by facet\n"
+    "facet normal 0 0 1\n outer loop\n  vertex 0 0 0\n  vertex +1.5 0 0\n  vertex 0 25e-1 0\n "
+    "endloop\nendfacet\n"
+    "endsolid the part, facet by facet\n"
+    "SOLID\r\nFACET NORMAL -nan(ind) 0 0\r\nOUTER LOOP\r\nVERTEX 0 0 0\r\nVERTEX 0 2.5 0\r\nVERTEX 0 0 4\r\n"
+    "ENDLOOP\r\nENDFACET\r\nENDSOLID";
+
+TEST_F(MeshFile, ReadsAsciiStlOfAllKinds) {
+  const TriangleMesh mesh = read_mesh(folder_.write("a.stl", kAsciiStl));
+  ASSERT_EQ(mesh.triangles.size(), 2u);
+  EXPECT_EQ(mesh.vertices.size(), 4u);
+  EXPECT_EQ(mesh.bounds().max(), Eigen::Vector3f(1.5f, 2.5f, 4));
+  EXPECT_NEAR(mesh.surface_area(), 0.5 * (1.5 * 2.5 + 2.5 * 4), 1e-6);
+}
+
+TEST_F(MeshFile, ABinaryStlMayBeginLikeText) {
+  std::string bytes = binary_stl(star_);
+  bytes.replace(0, 5, "solid");
+  expect_same_surface(read_mesh(folder_.write("solid.stl", bytes)), star_);
+}
+
+TEST_F(MeshFile, MistakesInAsciiStlAreNamedWithTheirLine) {
+  const auto refused = [&](const std::string& from, const std::string& to, const std::string& complaint) {
+    std::string text = kAsciiStl;
+    text.replace(text.find(from), from.size(), to);
+    const auto path = folder_.write("bad.stl", text);
+    expect_input_error([&] { read_mesh(path); }, {path.string() + ":", complaint});
+  };
+  refused("+1.5", "1,5", ":5: expected a number, found '1,5'");
+  refused(" endloop", "vertex 1 1 1 endloop", ":7: expected 'endloop', found 'vertex'");
+  refused("  vertex 0 0 0\n", "", ":6: expected 'vertex', found 'endloop'");
+  refused("endfacet\nendsolid", "endfacet\nendfacet", ":9: expected 'facet' or 'endsolid', found 'endfacet'");
+  refused("facet by facet\nSOLID", "\nbye", ":10: expected 'solid', found 'bye'");
+  // Wherever it is cut: at the border of a facet too, where the rest would pass for a whole part.
+  for (size_t size = 5; size < kAsciiStl.find("SOLID"); ++size) {
+    if (size >= kAsciiStl.find("endsolid") + 8) continue;  // all but the name is there
+    const auto path = folder_.write("cut.stl", kAsciiStl.substr(0, size));
+    expect_input_error([&] { read_mesh(path); }, {path.string()});
+  }
+}
+
 TEST_F(MeshFile, ReadsAsciiPlyWithPolygons) {
   const std::string head =
       "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"

@@ -180,6 +180,36 @@ TEST_F(ScanFileTest, MetresAreScaledWithTheirPose) {
       read.part_from_sensor.mean.linear().isApprox(Eigen::Vector3d(1, -1, -1).asDiagonal().toDenseMatrix()));
 }
 
+TEST_F(ScanFileTest, DoublesInMetresAreTheSamePointsAsFloatsInMillimetres) {
+  std::string ascii, binary;
+  for (const Eigen::Vector3f& point : scan_.points) {
+    const Eigen::Vector3d metres = point.cast<double>() / 1000;
+    binary.append(reinterpret_cast<const char*>(metres.data()), 3 * sizeof(double));
+    char text[120];
+    std::snprintf(text, sizeof text, "%.17g %.17g %.17g\n", metres.x(), metres.y(), metres.z());
+    ascii += text;
+  }
+  const std::string size =
+      "WIDTH " + std::to_string(scan_.width) + "\nHEIGHT " + std::to_string(scan_.height);
+  const std::string pcd =
+      "VERSION 0.7\nFIELDS x y z\nSIZE 8 8 8\nTYPE F F F\nCOUNT 1 1 1\n" + size + "\nDATA ";
+  const std::string ply = " 1.0\nelement vertex " + std::to_string(scan_.points.size()) +
+                          "\nproperty double x\nproperty double y\nproperty double z\nend_header\n";
+  for (const auto& path :
+       {folder_.write("a.pcd", pcd + "ascii\n" + ascii), folder_.write("b.pcd", pcd + "binary\n" + binary),
+        folder_.write("a.ply", "ply\nformat ascii" + ply + ascii),
+        folder_.write("b.ply", "ply\nformat binary_little_endian" + ply + binary)}) {
+    const Scan read = read_scan(path, 1000).scan;
+    ASSERT_EQ(read.points.size(), scan_.points.size());
+    for (size_t i = 0; i < scan_.points.size(); ++i) {
+      ASSERT_EQ(read.valid(i), scan_.valid(i)) << path;
+      if (scan_.valid(i)) {
+        ASSERT_EQ(read.points[i], scan_.points[i]) << path;
+      }
+    }
+  }
+}
+
 TEST_F(ScanFileTest, BrokenFilesAreNamed) {
   const auto refused = [&](const std::filesystem::path& path) {
     expect_input_error([&] { read_scan(path); }, {path.string()});
