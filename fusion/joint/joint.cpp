@@ -96,7 +96,9 @@ std::vector<Attempt> search(const JointProblem& problem, const JointOptions& opt
     find_poses(a.poses);
     refine_and_judge(problem, fine_start_mm, a);
     attempts.push_back(std::move(a));
-    if (!attempts.back().objection.empty() && problem.many()) mend(problem, options, attempts);
+    // Once: if that is not enough, it is not a few scans that are wrong.
+    if (!attempts.back().objection.empty() && problem.many() && attempts.size() == 1)
+      mend(problem, options, attempts);
   };
   const size_t samples =
       options.coarse_samples > 0 ? options.coarse_samples : problem.samples(kCoarseSamples);
