@@ -83,6 +83,11 @@ void judge(const JointProblem& problem, Attempt& attempt) {
 
 }  // namespace
 
+bool Attempt::in_place() const {
+  return std::all_of(evidence.scans.begin(), evidence.scans.end(),
+                     [](const ScanEvidence& scan) { return scan.connected && !violates(scan); });
+}
+
 size_t Attempt::left_out_count() const {
   return static_cast<size_t>(
       std::count_if(left_out.begin(), left_out.end(), [](const std::string& why) { return !why.empty(); }));
@@ -118,7 +123,7 @@ void refine_and_judge(const JointProblem& problem, double start_mm, Attempt& att
   const Pairs pairs = pairs_without(
       out, pairs_with_overlap(problem, attempt.poses, std::max(1.5 * start_mm, 6 * problem.noise_mm)));
   attempt.sigma_mm =
-      align_fine(problem, pairs, {start_mm, kFineSamples, 30, 0, &attempt.memory}, attempt.poses).sigma_mm;
+      align_fine(problem, pairs, {start_mm, kFineSamples, 30, {}, &attempt.memory}, attempt.poses).sigma_mm;
   for (size_t i = 0; i < problem.size(); ++i)
     if (out[i]) attempt.poses[i] = before[i];
   attempt.evidence = gather_evidence(problem, attempt.poses, attempt.sigma_mm);
@@ -177,7 +182,7 @@ bool leave_out(const JointProblem& problem, const Objections& objections, Attemp
   // They may have pulled at the others.
   const double scale_mm = 3 * std::max(1.4142 * problem.noise_mm, attempt.sigma_mm);
   rest.sigma_mm =
-      align_fine(problem, rest.evidence.pairs, {scale_mm, kFineSamples, 30, 0, &rest.memory}, rest.poses)
+      align_fine(problem, rest.evidence.pairs, {scale_mm, kFineSamples, 30, {}, &rest.memory}, rest.poses)
           .sigma_mm;
   for (size_t i = 0; i < problem.size(); ++i)
     if (!rest.left_out[i].empty()) rest.poses[i] = attempt.poses[i];

@@ -23,6 +23,9 @@ struct Attempt {
   std::string objection;              ///< Empty: believed, but for the scans that are left out.
   std::vector<std::string> left_out;  ///< By scan: why it takes no part; empty: it does.
 
+  /// All connected, and none where others looked through; that they may still be free to move is another
+  /// thing.
+  bool in_place() const;
   size_t left_out_count() const;
   std::vector<bool> left_out_mask() const;
 };

@@ -115,19 +115,22 @@ PoseCovariance pose_covariance(const JointProblem& problem, const Pairs& pairs,
   });
   const Eigen::MatrixXd inverse = unit.asDiagonal() * leave_out.inverse() * unit.asDiagonal();
   result.common = inverse * (variance * variance * problem.tag_prior.information()) * inverse;
-  Eigen::MatrixXd pulls = Eigen::MatrixXd::Zero(dimension, static_cast<Eigen::Index>(n));
-  for (size_t slot = 0; slot < edges.if_source_stood_out.size(); ++slot) {
+  // Edges are weighed by what is known of their errors, so that they count as any other prior; and the whole
+  // part's may be broken more or less than they seem.
+  NormalEquations of_edges(n);
+  Eigen::VectorXd broken_more = Eigen::VectorXd::Zero(dimension);
+  for (size_t slot = 0; slot < edges.hessians.size(); ++slot) {
     const auto& [a, b] = pairs[slot / 2];
-    const auto target = static_cast<Eigen::Index>(slot % 2 == 0 ? a : b),
-               source = static_cast<Eigen::Index>(slot % 2 == 0 ? b : a);
-    const Vector6d pull = edges.sigma_mm * edges.if_source_stood_out[slot];
-    pulls.col(source).segment<6>(6 * source) += pull;
-    pulls.col(source).segment<6>(6 * target) -= pull;
-    pulls.col(target).segment<6>(6 * source) -= pull;
-    pulls.col(target).segment<6>(6 * target) += pull;
+    const size_t target = slot % 2 == 0 ? a : b, source = slot % 2 == 0 ? b : a;
+    PairSum sum;
+    sum.hessian = edges.hessians[slot];
+    of_edges.add_pair(target, source, sum);
+    broken_more.segment<6>(static_cast<Eigen::Index>(6 * source)) += edges.if_broken_more[slot];
+    broken_more.segment<6>(static_cast<Eigen::Index>(6 * target)) -= edges.if_broken_more[slot];
   }
-  const Eigen::MatrixXd offsets = inverse * pulls;
-  result.common += offsets * offsets.transpose();
+  result.common += inverse * (variance * of_edges.hessian()) * inverse;
+  const Eigen::VectorXd moved = edges.model.at_faces.pair_offset_mm * inverse * broken_more;
+  result.common += moved * moved.transpose();
   return result;
 }
 

@@ -10,6 +10,30 @@ constexpr float kSameNormal = 0.866f, kSameDirection = 0.9f;  // 30 and 25 degre
 /// By how much (rad^2) pixels tilt the direction across an edge, the mean of two; see PairSum::tilts.
 constexpr double kTiltVariance = 0.5 * 0.05 * 0.05;
 
+/// How far a face's normal may lie from the direction in which the side ends.
+constexpr float kAtFace = 0.95f;
+/// The face is looked at beyond the windows that reach over the edge, by so many pixels, ...
+constexpr int kBeyondWindow_px = 2;
+/// ... and must begin within so many.
+constexpr double kNearEdge_px = 12;
+
+void add(EdgeSums& sums, const Eigen::Vector3d& arm, const Eigen::Vector3d& direction, double residual,
+         double scale_squared, double tilt_variance) {
+  Eigen::Index axis = 0;
+  direction.cwiseAbs().maxCoeff(&axis);
+  PairSum& sum = sums[static_cast<size_t>(2 * axis + (direction[axis] > 0 ? 1 : 0))];
+  const double loss = scale_squared / (scale_squared + residual * residual), weight = loss * loss;
+  sum.add(arm, direction, residual, weight);
+  sum.cost += weight * residual * residual;
+  sum.offset += weight * residual;
+  Eigen::Matrix<double, 6, 3> all;
+  all << cross_matrix(arm), Eigen::Matrix3d::Identity();
+  Vector6d a;
+  a << arm.cross(direction), direction;
+  sum.directions += weight * a;
+  sum.tilts += tilt_variance * weight * (all * all.transpose() - a * a.transpose());
+}
+
 }  // namespace
 
 EdgeIndex::EdgeIndex(const RangeSurface& s)
@@ -29,27 +53,14 @@ EdgeIndex::EdgeIndex(const RangeSurface& s)
   for (size_t k = 0; k < s.edges.size(); ++k) edges_[next[tile_of[k]]++] = s.edges[k];
 }
 
-PairSum match_edges(const RangeSurface& target, const EdgeIndex& target_edges, const RangeSurface& source,
-                    const Pose& target_from_source, const Pose& part_from_target,
-                    const Eigen::Vector3d& centre, const EdgeGates& gates, std::vector<BlockSum>* blocks) {
-  constexpr size_t kBlock = 16;
+EdgeSums match_edges(const RangeSurface& target, const EdgeIndex& target_edges, const RangeSurface& source,
+                     const Pose& target_from_source, const Pose& part_from_target,
+                     const Eigen::Vector3d& centre, const EdgeGates& gates) {
   const Eigen::Matrix3f rotation = target_from_source.linear().cast<float>();
   const Eigen::Vector3f shift = target_from_source.translation().cast<float>();
   const double radius_px = gates.reach_mm / target.spacing_mm + 1;
   const double scale_squared = gates.scale_mm * gates.scale_mm;
-  PairSum sum, block;
-  Eigen::Vector3d place = Eigen::Vector3d::Zero();
-  size_t in_block = 0;
-  const auto close_block = [&] {
-    if (in_block == 0) return;
-    sum += block;
-    if (blocks)
-      blocks->push_back({(place / static_cast<double>(in_block)).cast<float>(), block.gradient.cast<float>(),
-                         (block.hessian - block.tilts).cast<float>()});
-    block = {};
-    place.setZero();
-    in_block = 0;
-  };
+  EdgeSums sums;
   for (size_t k = 0; k < source.edges.size(); k += gates.step) {
     const SurfaceEdge& edge = source.edges[k];
     const Eigen::Vector3f p = rotation * edge.point + shift, n = rotation * edge.normal,
@@ -68,23 +79,47 @@ PairSum match_edges(const RangeSurface& target, const EdgeIndex& target_edges, c
     if (!nearest) continue;
     const Eigen::Vector3f across = (out + nearest->outwards).normalized();
     const double residual = across.dot(p - nearest->point);
-    const double loss = scale_squared / (scale_squared + residual * residual);
-    const Eigen::Vector3d at = part_from_target * p.cast<double>(), arm = at - centre;
-    const Eigen::Vector3d direction = part_from_target.linear() * across.cast<double>();
-    const double weight = loss * loss;
-    block.add(arm, direction, residual, weight);
-    block.cost += loss * residual * residual;
-    Eigen::Matrix<double, 6, 3> all;
-    all << cross_matrix(arm), Eigen::Matrix3d::Identity();
-    Vector6d a;
-    a << arm.cross(direction), direction;
-    block.directions += weight * a;
-    block.tilts += kTiltVariance * weight * (all * all.transpose() - a * a.transpose());
-    place += at;
-    if (++in_block == kBlock) close_block();
+    const Eigen::Vector3d at = part_from_target * p.cast<double>();
+    add(sums, at - centre, part_from_target.linear() * across.cast<double>(), residual, scale_squared,
+        kTiltVariance);
   }
-  close_block();
-  return sum;
+  return sums;
+}
+
+EdgeSums match_edges_to_faces(const RangeSurface& target, const RangeSurface& source,
+                              const Pose& target_from_source, const Pose& part_from_target,
+                              const Eigen::Vector3d& centre, const EdgeGates& gates) {
+  const Eigen::Matrix3f rotation = target_from_source.linear().cast<float>();
+  const Eigen::Vector3f shift = target_from_source.translation().cast<float>();
+  const auto inside_mm = static_cast<float>((target.normal_window_px + kBeyondWindow_px) * target.spacing_mm);
+  const auto far_mm = static_cast<float>(kNearEdge_px * target.spacing_mm + gates.reach_mm);
+  const double scale_squared = gates.scale_mm * gates.scale_mm;
+  EdgeSums sums;
+  for (size_t k = 0; k < source.edges.size(); k += gates.step) {
+    const SurfaceEdge& edge = source.edges[k];
+    const Eigen::Vector3f p = rotation * edge.point + shift, n = rotation * edge.normal,
+                          out = rotation * edge.outwards;
+    const Eigen::Vector3f inside = p - inside_mm * n;
+    if (target.rays.central && inside.z() <= 1) continue;
+    const Eigen::Vector2d pixel = target.rays.pixel(target.rays.ray_of(inside.cast<double>()));
+    // NaN fails this too.
+    if (!(pixel.x() > -0.5 && pixel.y() > -0.5 && pixel.x() < target.width - 0.5 &&
+          pixel.y() < target.height - 0.5))
+      continue;
+    const int column = static_cast<int>(std::lround(pixel.x())),
+              row = static_cast<int>(std::lround(pixel.y()));
+    const size_t j = target.index(column, row);
+    if (target.w[j] == 0) continue;
+    const Eigen::Vector3f face = unpack_normal(target.normals[j]);
+    if (face.dot(out) < kAtFace) continue;
+    const Eigen::Vector3f apart = p - target.point(column, row).cast<float>();
+    const double residual = face.dot(apart) + gates.break_mm;
+    if (apart.norm() > far_mm || std::abs(residual) > gates.reach_mm) continue;
+    const Eigen::Vector3d at = part_from_target * p.cast<double>();
+    add(sums, at - centre, part_from_target.linear() * face.cast<double>(), residual, scale_squared,
+        gates.normal_variance);
+  }
+  return sums;
 }
 
 }  // namespace gantry::internal

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <vector>
 
 #include "gantry/fusion/range_surface.h"
@@ -43,14 +44,27 @@ struct EdgeGates {
   double scale_mm = 1;  ///< Of the Geman-McClure loss.
   double reach_mm = 2;  ///< Edges further apart are no match.
   size_t step = 1;      ///< Every step-th edge of the source takes part.
+  double break_mm = 0;  ///< See EdgeModel.
+  /// Variance (rad^2) of a face's normals; see PairSum::tilts.
+  double normal_variance = 0;
 };
 
+/// Sums over edges, apart by the direction of the residual (part frame): those of one direction belong to few
+/// edges of the part, and err alike.
+using EdgeSums = std::array<PairSum, 6>;
+
 /// Matches the edges of one scan to those of another: each takes the nearest that bounds a surface of like
-/// normal in a like direction; the residual runs across the edge, in the surface. Sums and blocks are those
-/// of match_by_projection.
-PairSum match_edges(const RangeSurface& target, const EdgeIndex& target_edges, const RangeSurface& source,
-                    const Pose& target_from_source, const Pose& part_from_target,
-                    const Eigen::Vector3d& centre, const EdgeGates& gates,
-                    std::vector<BlockSum>* blocks = nullptr);
+/// normal in a like direction; the residual runs across the edge, in the surface.
+EdgeSums match_edges(const RangeSurface& target, const EdgeIndex& target_edges, const RangeSurface& source,
+                     const Pose& target_from_source, const Pose& part_from_target,
+                     const Eigen::Vector3d& centre, const EdgeGates& gates);
+
+/// Matches the edges of one scan to faces of another: where a side of the part ends at a face that only the
+/// other scan sees, the end lies in that face, or as far before it as the edge is broken. The residual runs
+/// along the face's normal. This is what sets the scans of a plate's two faces against each other when all
+/// they share are its thin sides.
+EdgeSums match_edges_to_faces(const RangeSurface& target, const RangeSurface& source,
+                              const Pose& target_from_source, const Pose& part_from_target,
+                              const Eigen::Vector3d& centre, const EdgeGates& gates);
 
 }  // namespace gantry::internal

@@ -120,8 +120,11 @@ std::vector<Attempt> search(const JointProblem& problem, const JointOptions& opt
       poses = recover(problem, before.poses, suspects(before, doubt_violators), options.global_fallback);
     };
   };
-  attempt("scan by scan from many starts", problem.fine_start_mm(), recovered(false));
-  attempt("scan by scan from many starts, violators first", problem.fine_start_mm(), recovered(true));
+  // Where nothing is in the wrong place but something is free to move, looking elsewhere does not help.
+  if (!least_violating(attempts).in_place()) {
+    attempt("scan by scan from many starts", problem.fine_start_mm(), recovered(false));
+    attempt("scan by scan from many starts, violators first", problem.fine_start_mm(), recovered(true));
+  }
   if (attempts.back().objection.empty()) return attempts;
   // A scan of something else has pulled at its neighbours: from the tags on as if the worst were not there.
   Attempt rest = least_violating(attempts);

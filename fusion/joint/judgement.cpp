@@ -127,11 +127,10 @@ Wobble wobble(const JointProblem& problem, const Pairs& pairs, const Poses& pose
   for (const auto& [a, b] : pairs) takes_part[a] = takes_part[b] = true;
   Poses settled = poses;
   MatchMemory at_rest;
-  const double edge_sigma_mm =
-      align_fine(problem, pairs, {3 * problem.noise_mm, kWobbleSamples, 6, 0, &at_rest}, settled)
-          .edge_sigma_mm;
+  const EdgeModel edges =
+      align_fine(problem, pairs, {3 * problem.noise_mm, kWobbleSamples, 6, {}, &at_rest}, settled).edges;
   MatchGates gates;
-  gates.edge_sigma_mm = edge_sigma_mm;
+  gates.edges = edges;
   gates.scale_mm = 4 * problem.noise_mm;
   gates.reach_mm = 3 * gates.scale_mm;
   gates.stride =
@@ -168,7 +167,7 @@ Wobble wobble(const JointProblem& problem, const Pairs& pairs, const Poses& pose
     Poses pushed = settled;
     apply_step(problem, push, pushed);
     MatchMemory memory = at_rest;
-    align_fine(problem, pairs, {kPush_mm, kWobbleSamples, 14, edge_sigma_mm, &memory}, pushed);
+    align_fine(problem, pairs, {kPush_mm, kWobbleSamples, 14, edges, &memory}, pushed);
     const double left = difference_mm(problem, settled, pushed);
     if (left > result.worst_mm) {
       result.worst_mm = left;

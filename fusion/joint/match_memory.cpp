@@ -13,7 +13,7 @@ constexpr double kSameScale = 1.03;
 }  // namespace
 
 bool MatchMemory::recall(const JointProblem& problem, size_t target, size_t source, const Poses& poses,
-                         const MatchGates& gates, PairSum& surfaces, PairSum& edges) const {
+                         const MatchGates& gates, RawSums& sums) const {
   const auto found = matched_.find({target, source});
   if (found == matched_.end()) return false;
   const Matched& then = found->second;
@@ -25,16 +25,24 @@ bool MatchMemory::recall(const JointProblem& problem, size_t target, size_t sour
       log_about(problem.centre, poses[source] * (poses[target] * then.target_from_source).inverse());
   const double moved_mm = motion.tail<3>().norm() + problem.radius_mm * motion.head<3>().norm();
   if (moved_mm > kAtRest * problem.noise_mm) return false;
-  surfaces = then.surfaces;
-  surfaces.gradient += surfaces.hessian * motion;
-  edges = then.edges;
-  edges.gradient += edges.hessian * motion;
+  sums = then.sums;
+  const double broken_more_mm = gates.edges.break_mm - then.gates.edges.break_mm;
+  for (PairSum& face : sums.faces) {
+    face.gradient += broken_more_mm * face.directions;
+    face.offset += broken_more_mm * face.weight;
+  }
+  sums.surfaces.gradient += sums.surfaces.hessian * motion;
+  for (EdgeSums* kind : {&sums.edges, &sums.faces})
+    for (PairSum& sum : *kind) {
+      sum.gradient += sum.hessian * motion;
+      sum.offset += sum.directions.dot(motion);
+    }
   return true;
 }
 
 void MatchMemory::keep(size_t target, size_t source, const Poses& poses, const MatchGates& gates,
-                       const PairSum& surfaces, const PairSum& edges) {
-  matched_[{target, source}] = {poses[target].inverse() * poses[source], gates, surfaces, edges};
+                       const RawSums& sums) {
+  matched_[{target, source}] = {poses[target].inverse() * poses[source], gates, sums};
 }
 
 }  // namespace gantry::internal

@@ -7,6 +7,19 @@
 
 namespace gantry::internal {
 
+/// What is known of the part's edges: of one seen by two scans, and of one at which a surface that one scan
+/// sees ends at a face that another one sees.
+struct EdgeModel {
+  /// Pixels of an edge differ by sigma_mm, edges of two scans by offset_mm, and beside that all of them by
+  /// pair_offset_mm: edges are broken more or less, and look different from different sides. Sigma of 0: all
+  /// as the matches show, which overstates them before the scans are in place.
+  struct Scatter {
+    double sigma_mm = 0, offset_mm = 0, pair_offset_mm = 0;
+  };
+  Scatter at_edges, at_faces;
+  double break_mm = 0;  ///< How far before the face the surface ends: edges are chamfered or rounded.
+};
+
 struct MatchGates {
   double scale_mm = 1;  ///< Of the Geman-McClure loss.
   double reach_mm = 3;  ///< Residuals beyond are no matches.
@@ -15,8 +28,7 @@ struct MatchGates {
   /// Variance (rad^2) by which noise tilts the normals of matches, about each axis across them; see
   /// PairSum::tilts.
   double normal_variance = 0;
-  /// Scatter of edges; 0: as these matches show, which overstates it before all are in place.
-  double edge_sigma_mm = 0;
+  EdgeModel edges;
 };
 
 /// What a small block of the source contributed, part frame: pixels so near to each other may share errors,
@@ -29,9 +41,11 @@ struct BlockSum {
 
 /// What a round of matching saw of edges.
 struct EdgeEvidence {
-  double sigma_mm = 0;  ///< Their scatter.
-  /// For each slot, as PairSum::gradient would be if every edge of the source stood out by 1 mm.
-  std::vector<Vector6d> if_source_stood_out;
+  EdgeModel model;  ///< As these matches show.
+  /// For each slot, what edges and faces have added to PairSum::hessian, ...
+  std::vector<Matrix6d> hessians;
+  /// ... and as its gradient would be if every edge ended 1 mm further from the faces.
+  std::vector<Vector6d> if_broken_more;
 };
 
 /// Which blocks of 16 x 16 pixels of a source have matches in a target, row by row of blocks: once poses

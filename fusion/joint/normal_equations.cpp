@@ -20,6 +20,7 @@ PairSum& PairSum::operator+=(const PairSum& o) {
   tilts += o.tilts;
   gradient += o.gradient;
   directions += o.directions;
+  offset += o.offset;
   weight += o.weight;
   stiffness += o.stiffness;
   cost += o.cost;

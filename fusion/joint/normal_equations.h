@@ -16,6 +16,7 @@ struct PairSum {
   Matrix6d tilts = Matrix6d::Zero();       ///< The part of it that noise in the normals pretends.
   Vector6d gradient = Vector6d::Zero();    ///< sum w a r
   Vector6d directions = Vector6d::Zero();  ///< sum w a; of edges only.
+  double offset = 0;                       ///< sum w r; of edges only.
   double weight = 0;                       ///< sum w
   double stiffness = 0;  ///< sum of second derivatives of the robust costs; w of plain squares.
   double cost = 0;       ///< sum of robust costs

@@ -12,14 +12,16 @@ constexpr int kBandRows = 128;
 /// Pairs that agree in less than this fraction of what was tested share nothing worth matching.
 constexpr double kLeastOverlap = 0.002;
 
-/// An edge is not placed better than this by one of its pixels, in pitches ...
-constexpr double kEdgeSigma_px = 0.3;
+/// An edge is not placed better than this by one of its pixels, in pitches, nor by all of them ...
+constexpr double kEdgeSigma_px = 0.3, kEdgeOffset_px = 0.1;
 /// ... until it is known how well, this is supposed ...
 constexpr double kEdgeSigmaAtFirst_px = 1;
 /// ... and so many of them in a row say the same, because they share a window (surface_edges.h).
 constexpr double kEdgePixelsAlike = 9;
 /// Broken and rounded edges differ by this, in pitches, with the side they are seen from.
 constexpr double kEdgeScatter_px = 3;
+/// Chamfers and fillets wider than this are surfaces of their own.
+constexpr double kMostBroken_px = 8;
 /// Edges of a scan that take part while pixels are skipped.
 constexpr size_t kEdgeSamples = 400;
 
@@ -27,17 +29,65 @@ EdgeGates edge_gates(const JointProblem& problem, const RangeSurface& source, co
   EdgeGates edge;
   edge.scale_mm = std::max(gates.scale_mm, kEdgeScatter_px * problem.spacing_mm);
   edge.reach_mm = 2 * edge.scale_mm;
+  edge.break_mm = gates.edges.break_mm;
+  edge.normal_variance = 2 * problem.normal_variance;
   if (gates.stride > 1) edge.step = std::max<size_t>(1, source.edges.size() / problem.samples(kEdgeSamples));
   return edge;
 }
 
-double variance_of(const std::vector<PairSum>& sums) {
-  double cost = 0, weight = 0;
-  for (const PairSum& s : sums) {
-    cost += s.cost;
-    weight += s.weight;
+EdgeModel::Scatter scatter_of(const JointProblem& problem, const std::vector<RawSums>& sums,
+                              EdgeSums RawSums::*kind) {
+  double all = 0, weight = 0, offset = 0;
+  double of_means = 0, of_pair_means = 0, of_mean = 0;  // squares
+  for (const RawSums& s : sums) {
+    PairSum pair;
+    for (const PairSum& one : s.*kind) {
+      pair += one;
+      if (one.weight > 0) of_means += one.offset * one.offset / one.weight;
+    }
+    if (!(pair.weight > 0)) continue;
+    of_pair_means += pair.offset * pair.offset / pair.weight;
+    all += pair.cost;
+    weight += pair.weight;
+    offset += pair.offset;
   }
-  return weight > 0 ? cost / weight : 0;
+  const double least_mm = kEdgeOffset_px * problem.spacing_mm,
+               least_sigma_mm = std::max(problem.noise_mm, kEdgeSigma_px * problem.spacing_mm);
+  if (!(weight > 0)) return {least_sigma_mm, least_mm, least_mm};
+  of_mean = offset * offset / weight;
+  const auto root = [&](double squares) { return std::sqrt(std::max(0.0, squares) / weight); };
+  return {std::max(root(all - of_means), least_sigma_mm), std::max(root(of_means - of_pair_means), least_mm),
+          std::max(root(of_pair_means - of_mean), least_mm)};
+}
+
+/// Takes an offset that all these residuals have in common out of what they say, sums being in units of
+/// 1/mm^2; the offset is known only to be about as large as `sigma_mm` (Schur complement).
+void marginalise(PairSum& sum, double sigma_mm) {
+  const double variance = sigma_mm * sigma_mm, left = 1 / (1 + variance * sum.weight);
+  sum.hessian -= variance * left * sum.directions * sum.directions.transpose();
+  sum.gradient -= variance * left * sum.offset * sum.directions;
+  sum.directions *= left;
+  sum.offset *= left;
+  sum.weight *= left;
+}
+
+/// What edges say of a pair, in units of 1/mm^2, each matched pixel standing for `count` that err by chance.
+PairSum weighed(const EdgeSums& sums, const EdgeModel::Scatter& scatter, double count) {
+  const double each = count / std::pow(scatter.sigma_mm, 2);
+  PairSum pair;
+  for (PairSum one : sums) {
+    if (!(one.weight > 0)) continue;
+    one.take_out_tilts();
+    one.hessian *= each;
+    one.gradient *= each;
+    one.directions *= each;
+    one.offset *= each;
+    one.weight *= each;
+    marginalise(one, scatter.offset_mm);
+    pair += one;
+  }
+  marginalise(pair, scatter.pair_offset_mm);
+  return pair;
 }
 
 }  // namespace
@@ -68,39 +118,37 @@ std::vector<PairSum> match_all(const JointProblem& problem, const Pairs& pairs, 
                                MatchMemory* memory) {
   constexpr int kEdges = -1;  // instead of a first row
   struct Task {
-    size_t slot, target, source;
+    size_t slot;
     int first, last;
   };
-  std::vector<PairSum> sums(2 * pairs.size()), edges(2 * pairs.size());
-  std::vector<unsigned char> remembered(2 * pairs.size(), 0);
+  const auto target_of = [&](size_t slot) {
+    return slot % 2 == 0 ? pairs[slot / 2].first : pairs[slot / 2].second;
+  };
+  const auto source_of = [&](size_t slot) {
+    return slot % 2 == 0 ? pairs[slot / 2].second : pairs[slot / 2].first;
+  };
+  const size_t slots = 2 * pairs.size();
+  std::vector<RawSums> raw(slots);
+  std::vector<unsigned char> remembered(slots, 0);
   std::vector<Task> tasks;
-  for (size_t slot = 0; slot < 2 * pairs.size(); ++slot) {
-    const auto& [a, b] = pairs[slot / 2];
-    const size_t target = slot % 2 == 0 ? a : b, source = slot % 2 == 0 ? b : a;
+  for (size_t slot = 0; slot < slots; ++slot) {
     remembered[slot] =
-        memory && memory->recall(problem, target, source, poses, gates, sums[slot], edges[slot]);
+        memory && memory->recall(problem, target_of(slot), source_of(slot), poses, gates, raw[slot]);
     if (remembered[slot]) continue;
-    tasks.push_back({slot, target, source, kEdges, kEdges});
+    tasks.push_back({slot, kEdges, kEdges});
   }
   const int band = std::max(kBandRows, 32 * gates.stride);
-  for (size_t k = 0; k < pairs.size(); ++k) {
-    const auto& [a, b] = pairs[k];
-    for (int way = 0; way < 2; ++way) {
-      if (remembered[2 * k + static_cast<size_t>(way)]) continue;
-      const size_t target = way == 0 ? a : b, source = way == 0 ? b : a;
-      const int height = problem.scans[source].height;
-      for (int row = 0; row < height; row += band)
-        tasks.push_back(
-            {2 * k + static_cast<size_t>(way), target, source, row, std::min(height, row + band)});
-    }
+  for (size_t slot = 0; slot < slots; ++slot) {
+    if (remembered[slot]) continue;
+    const int height = problem.scans[source_of(slot)].height;
+    for (int row = 0; row < height; row += band) tasks.push_back({slot, row, std::min(height, row + band)});
   }
   const bool use = active && !active->empty(), fill = active && active->empty();
   if (fill) {
-    active->resize(2 * pairs.size());
-    for (const Task& task : tasks) {
-      if (task.first == kEdges) continue;
-      const RangeSurface& s = problem.scans[task.source];
-      (*active)[task.slot].active.assign(
+    active->resize(slots);
+    for (size_t slot = 0; slot < slots; ++slot) {
+      const RangeSurface& s = problem.scans[source_of(slot)];
+      (*active)[slot].active.assign(
           static_cast<size_t>(ActiveBlocks::across(s.width)) * ActiveBlocks::across(s.height), 0);
     }
   }
@@ -108,68 +156,81 @@ std::vector<PairSum> match_all(const JointProblem& problem, const Pairs& pairs, 
   std::vector<std::vector<BlockSum>> gradients(blocks ? tasks.size() : 0);
   tbb::parallel_for(size_t{0}, tasks.size(), [&](size_t t) {
     const Task& task = tasks[t];
+    const size_t a = target_of(task.slot), b = source_of(task.slot);
+    const RangeSurface &target = problem.scans[a], &source = problem.scans[b];
+    const Pose target_from_source = poses[a].inverse() * poses[b];
     if (task.first == kEdges) {
-      partial[t] = match_edges(
-          problem.scans[task.target], problem.edges[task.target], problem.scans[task.source],
-          poses[task.target].inverse() * poses[task.source], poses[task.target], problem.centre,
-          edge_gates(problem, problem.scans[task.source], gates), blocks ? &gradients[t] : nullptr);
+      const EdgeGates edge = edge_gates(problem, source, gates);
+      raw[task.slot].edges =
+          match_edges(target, problem.edges[a], source, target_from_source, poses[a], problem.centre, edge);
+      raw[task.slot].faces =
+          match_edges_to_faces(target, source, target_from_source, poses[a], problem.centre, edge);
       return;
     }
     partial[t] =
-        match_by_projection(problem.scans[task.target], problem.scans[task.source],
-                            poses[task.target].inverse() * poses[task.source], poses[task.target],
-                            problem.centre, gates, task.first, task.last, blocks ? &gradients[t] : nullptr,
+        match_by_projection(target, source, target_from_source, poses[a], problem.centre, gates, task.first,
+                            task.last, blocks ? &gradients[t] : nullptr,
                             use ? &(*active)[task.slot] : nullptr, fill ? &(*active)[task.slot] : nullptr);
   });
   for (size_t t = 0; t < tasks.size(); ++t)
-    (tasks[t].first == kEdges ? edges : sums)[tasks[t].slot] += partial[t];
-  for (size_t slot = 0; memory && slot < sums.size(); ++slot) {
-    const auto& [a, b] = pairs[slot / 2];
-    if (!remembered[slot])
-      memory->keep(slot % 2 == 0 ? a : b, slot % 2 == 0 ? b : a, poses, gates, sums[slot], edges[slot]);
+    if (tasks[t].first != kEdges) raw[tasks[t].slot].surfaces += partial[t];
+  for (size_t slot = 0; memory && slot < slots; ++slot)
+    if (!remembered[slot]) memory->keep(target_of(slot), source_of(slot), poses, gates, raw[slot]);
+
+  double cost = 0, weight = 0;
+  for (const RawSums& r : raw) {
+    cost += r.surfaces.cost;
+    weight += r.surfaces.weight;
   }
-  const double edge_sigma =
-      gates.edge_sigma_mm > 0
-          ? gates.edge_sigma_mm
-          : std::max({std::sqrt(variance_of(edges)), problem.noise_mm, kEdgeSigma_px * problem.spacing_mm});
-  // They count as their scatter allows, which tells sharp edges from broken ones.
-  const double weight_of_edge = std::max(variance_of(sums), std::pow(0.1 * problem.noise_mm, 2)) /
-                                (edge_sigma * edge_sigma * kEdgePixelsAlike);
-  // What was skipped, of edges and of pixels, must not change how much they count against each other.
-  const auto edge_factor = [&](size_t slot) {
-    const auto& [a, b] = pairs[slot / 2];
-    const size_t step = edge_gates(problem, problem.scans[slot % 2 == 0 ? b : a], gates).step;
-    return weight_of_edge * static_cast<double>(step) / (gates.stride * gates.stride);
-  };
+  const double surface_variance =
+      std::max(weight > 0 ? cost / weight : 0, std::pow(0.1 * problem.noise_mm, 2));
+  EdgeModel model = gates.edges;
+  if (!(model.at_edges.sigma_mm > 0)) model.at_edges = scatter_of(problem, raw, &RawSums::edges);
+  if (!(model.at_faces.sigma_mm > 0)) model.at_faces = scatter_of(problem, raw, &RawSums::faces);
   // What becomes of each slot's gradients and Hessians; blocks follow.
-  std::vector<Matrix6d> factors(sums.size()), edge_factors(sums.size());
-  std::vector<double> softening(sums.size());
-  for (size_t slot = 0; slot < sums.size(); ++slot) {
+  std::vector<PairSum> sums(slots);
+  std::vector<Matrix6d> factors(slots);
+  std::vector<double> softening(slots);
+  EdgeEvidence evidence;
+  for (size_t slot = 0; slot < slots; ++slot) {
+    sums[slot] = raw[slot].surfaces;
     softening[slot] = sums[slot].soften();
     factors[slot] = sums[slot].take_out_tilts();
-    edge_factors[slot] = edge_factor(slot) * edges[slot].take_out_tilts();
-    sums[slot].hessian += edge_factor(slot) * edges[slot].hessian;
-    sums[slot].gradient += edge_factor(slot) * edges[slot].gradient;
+    // What was skipped, of edges and of pixels, must not change how much they count against each other.
+    const size_t step = edge_gates(problem, problem.scans[source_of(slot)], gates).step;
+    const double count = static_cast<double>(step) / kEdgePixelsAlike,
+                 share = surface_variance / (gates.stride * gates.stride);
+    const PairSum edges = weighed(raw[slot].edges, model.at_edges, count),
+                  faces = weighed(raw[slot].faces, model.at_faces, count);
+    evidence.hessians.push_back(share * (edges.hessian + faces.hessian));
+    evidence.if_broken_more.push_back(share * faces.directions);
+    sums[slot].hessian += evidence.hessians.back();
+    sums[slot].gradient += share * (edges.gradient + faces.gradient);
   }
   if (edge_evidence) {
-    edge_evidence->sigma_mm = edge_sigma;
-    edge_evidence->if_source_stood_out.clear();
-    for (size_t slot = 0; slot < sums.size(); ++slot)
-      edge_evidence->if_source_stood_out.push_back(edge_factors[slot] * edges[slot].directions);
+    double at_faces = 0, offset = 0;
+    for (const RawSums& r : raw)
+      for (const PairSum& one : r.faces) {
+        at_faces += one.weight;
+        offset += one.offset;
+      }
+    if (at_faces > 0)
+      model.break_mm =
+          std::clamp(model.break_mm - offset / at_faces, 0.0, kMostBroken_px * problem.spacing_mm);
+    *edge_evidence = std::move(evidence);
+    edge_evidence->model = model;
   }
   if (blocks) {
-    blocks->assign(sums.size(), {});
+    blocks->assign(slots, {});
     for (size_t t = 0; t < tasks.size(); ++t) {
-      auto& into = (*blocks)[tasks[t].slot];
+      const size_t slot = tasks[t].slot;
+      const Eigen::Matrix<float, 6, 6> factor = factors[slot].cast<float>();
       for (BlockSum block : gradients[t]) {
-        const bool edge = tasks[t].first == kEdges;
-        const size_t slot = tasks[t].slot;
-        const Eigen::Matrix<float, 6, 6> factor = (edge ? edge_factors : factors)[slot].cast<float>();
         const Eigen::Matrix<float, 6, 6> hessian =
-            (edge ? 1.0f : static_cast<float>(softening[slot])) * factor * block.hessian;
+            static_cast<float>(softening[slot]) * factor * block.hessian;
         block.gradient = factor * block.gradient;
         block.hessian = 0.5f * (hessian + hessian.transpose());
-        into.push_back(block);
+        (*blocks)[slot].push_back(block);
       }
     }
   }
@@ -227,6 +288,7 @@ FineResult align_fine(const JointProblem& problem, const Pairs& pairs, const Fin
                                  static_cast<double>(usable) /
                                  static_cast<double>(problem.size() * problem.samples(options.samples))))));
   gates.normal_variance = problem.normal_variance;
+  gates.edges = options.edges;
   FineResult result;
   double scale = options.start_mm;
   const double least = 3 * 1.4142 * problem.noise_mm;
@@ -238,12 +300,15 @@ FineResult align_fine(const JointProblem& problem, const Pairs& pairs, const Fin
     gates.scale_mm = scale;
     gates.reach_mm = 3 * scale;
     gates.max_angle_rad = at_end ? 0.35 : 0.5236;
-    gates.edge_sigma_mm = options.edge_sigma_mm > 0 || at_end ? options.edge_sigma_mm
-                                                              : kEdgeSigmaAtFirst_px * problem.spacing_mm;
+    if (!(options.edges.at_edges.sigma_mm > 0)) {
+      const double sigma_mm = at_end ? 0 : kEdgeSigmaAtFirst_px * problem.spacing_mm;
+      gates.edges.at_edges = gates.edges.at_faces = {sigma_mm, sigma_mm, sigma_mm};
+    }
     EdgeEvidence edges;
     const std::vector<PairSum> sums =
         match_all(problem, pairs, poses, gates, nullptr, active, &edges, memory);
-    result.edge_sigma_mm = edges.sigma_mm;
+    result.edges = edges.model;
+    gates.edges.break_mm = edges.model.break_mm;
     double cost = 0, weight = 0;
     for (const PairSum& s : sums) {
       cost += s.cost;

@@ -79,15 +79,15 @@ struct FineOptions {
   double start_mm = 1;    ///< Robust scale at the beginning.
   size_t samples = 5000;  ///< Of a scan, about; fewer where there are many.
   int max_rounds = 30;
-  double edge_sigma_mm = 0;  ///< Scatter of edges; 0: as seen once the robust scale has shrunk.
+  EdgeModel edges;  ///< Scatter of 0: as seen once the robust scale has shrunk.
   /// Used and brought up to date where there are many scans; null: nothing is remembered from earlier.
   MatchMemory* memory = nullptr;
 };
 
 struct FineResult {
-  double sigma_mm = 0;       ///< Robust standard deviation of the residuals.
-  double edge_sigma_mm = 0;  ///< Scatter of edges.
-  double step_mm = 0;        ///< Of the last round.
+  double sigma_mm = 0;  ///< Robust standard deviation of the residuals.
+  EdgeModel edges;
+  double step_mm = 0;  ///< Of the last round.
   int rounds = 0;
 };
 

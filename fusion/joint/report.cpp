@@ -12,7 +12,7 @@ namespace {
 constexpr size_t kMostNamed = 5;
 
 std::vector<ParameterChoice> choices_of(const JointProblem& problem, const JointOptions& options,
-                                        double start_mm, double sigma_mm, double edge_sigma_mm) {
+                                        double start_mm, double sigma_mm, const EdgeModel& edges) {
   return {
       {"noise_mm", problem.noise_mm,
        options.noise_mm > 0 ? "given" : "median over the scans, from second differences along rows"},
@@ -32,8 +32,17 @@ std::vector<ParameterChoice> choices_of(const JointProblem& problem, const Joint
        problem.tag_prior.parameters() > 0
            ? "calibrated parameters of the cell, whose errors all tagged poses share"
            : "the tags do not say what their errors share: taken as independent"},
-      {"edge_sigma_mm", edge_sigma_mm,
-       "of the edges at which surfaces end; the less they scatter, the more they count"},
+      {"edge_sigma_mm", edges.at_edges.sigma_mm,
+       "of the edges at which surfaces end, pixel by pixel; the less they scatter, the more they count"},
+      {"edge_offset_mm", edges.at_edges.offset_mm, "the same from edge to edge"},
+      {"edge_pair_offset_mm", edges.at_edges.pair_offset_mm, "the same from one pair of scans to another"},
+      {"edge_at_face_sigma_mm", edges.at_faces.sigma_mm,
+       "of edges about the face of another scan at which they end, pixel by pixel"},
+      {"edge_at_face_offset_mm", edges.at_faces.offset_mm, "the same from edge to edge"},
+      {"edge_at_face_pair_offset_mm", edges.at_faces.pair_offset_mm,
+       "the same from one pair of scans to another"},
+      {"edge_break_mm", edges.break_mm,
+       "how far before such a face they end on average: chamfers and roundings"},
       {"residual_sigma_mm", sigma_mm,
        "of the matches at the end; three times this is the final robust scale"},
       {"part_radius_mm", problem.radius_mm, "nine tenths of the surface lie nearer to the centre"}};
@@ -116,7 +125,7 @@ Registration report_of(const JointProblem& problem, const JointOptions& options,
   }
   for (size_t k = 0; k < solution.pairs.size(); ++k)
     result.pairs.push_back(pair_report(problem, attempt, solution, k));
-  result.parameters = choices_of(problem, options, start_mm, attempt.sigma_mm, solution.edge_sigma_mm);
+  result.parameters = choices_of(problem, options, start_mm, attempt.sigma_mm, solution.edges);
   return result;
 }
 

@@ -14,6 +14,9 @@ namespace {
 /// A scan that moves the others by more, when it is taken out, contradicts them.
 constexpr double kWorstLeaveOneOut_mm = 0.25;
 constexpr double kWorstLeaveOneOutInSigmas = 6;
+/// ... and by so many of the standard deviations that independent pixels would leave: they are not, by far.
+constexpr double kSignificant = 12;
+constexpr double kLeastMotion_mm = 0.02;
 /// A pose that is less certain than this somewhere on the part is of no use for inspection.
 constexpr double kUncertain_mm = 0.15;
 constexpr double kUncertainInSigmas = 2.2;
@@ -28,7 +31,8 @@ double chi_square_limit(double degrees) {
   return degrees * std::pow(1 - spread + kOneInAMillion * std::sqrt(spread), 3);
 }
 
-/// How far the other scans would go if one were taken out, to first order.
+/// How far the other scans would go if one were taken out, to first order. Motions that are loosely held
+/// without it are no contradiction, however large.
 std::vector<double> leave_one_out(const JointProblem& problem, const Pairs& pairs, const Poses& poses,
                                   const std::vector<PairSum>& sums, double sigma_mm) {
   std::vector<double> moved(problem.size(), 0);
@@ -66,8 +70,18 @@ std::vector<double> leave_one_out(const JointProblem& problem, const Pairs& pair
       if (i == left_out || i == base || !held) continue;
       const Vector6d relative = step.segment<6>(static_cast<Eigen::Index>(6 * i)) -
                                 step.segment<6>(static_cast<Eigen::Index>(6 * base));
-      moved[left_out] = std::max(moved[left_out],
-                                 relative.tail<3>().norm() + problem.radius_mm * relative.head<3>().norm());
+      const double moves_mm = relative.tail<3>().norm() + problem.radius_mm * relative.head<3>().norm();
+      if (moves_mm <= moved[left_out] || moves_mm <= kLeastMotion_mm) continue;
+      Eigen::VectorXd along = Eigen::VectorXd::Zero(step.size());  // of the motion, at the part's radius
+      Vector6d length;
+      length << Eigen::Vector3d::Constant(problem.radius_mm), Eigen::Vector3d::Ones();
+      along.segment<6>(static_cast<Eigen::Index>(6 * i)) =
+          length.cwiseProduct(length).cwiseProduct(relative) / length.cwiseProduct(relative).norm();
+      along.segment<6>(static_cast<Eigen::Index>(6 * base)) =
+          -along.segment<6>(static_cast<Eigen::Index>(6 * i));
+      const double variance =
+          along.dot(unit.asDiagonal() * leave_out.solve(scans, part, unit.asDiagonal() * along));
+      if (moves_mm > kSignificant * std::sqrt(std::max(0.0, variance))) moved[left_out] = moves_mm;
     }
   }
   return moved;
@@ -95,8 +109,9 @@ Solution solve_finely(const JointProblem& problem, const Attempt& attempt) {
   solution.poses = attempt.poses;
   Poses& poses = solution.poses;
   std::vector<ActiveBlocks> active;
-  align_fine(problem, pairs, {3 * attempt.sigma_mm, kPolishSamples, 4}, poses, &active);
   MatchGates gates;
+  gates.edges.break_mm =
+      align_fine(problem, pairs, {3 * attempt.sigma_mm, kPolishSamples, 4}, poses, &active).edges.break_mm;
   gates.stride = 1;
   gates.scale_mm = std::max(3 * 1.4142 * problem.noise_mm, 3 * attempt.sigma_mm);
   gates.reach_mm = 3 * gates.scale_mm;
@@ -115,7 +130,7 @@ Solution solve_finely(const JointProblem& problem, const Attempt& attempt) {
     step_by(solution.sums);
   }
   solution.pairs = pairs;
-  solution.edge_sigma_mm = edges.sigma_mm;
+  solution.edges = edges.model;
   solution.gauge = problem.scans[0].part_from_grid() * poses[0].inverse();
   solution.from_tags = problem.tag_prior.chi_square(errors_of_tags(problem, poses));
   solution.covariance =
@@ -136,7 +151,8 @@ Solution solve_finely(const JointProblem& problem, const Attempt& attempt) {
   append(solution.pairs, others);
   append(solution.sums, its_sums);
   append(blocks, its_blocks);
-  append(edges.if_source_stood_out, its_edges.if_source_stood_out);
+  append(edges.hessians, its_edges.hessians);
+  append(edges.if_broken_more, its_edges.if_broken_more);
   const std::vector<Matrix6d> with_all =
       covariances(pose_covariance(problem, solution.pairs, solution.sums, blocks, edges), solution.gauge, n);
   const TagPrior::ChiSquare from_tags = problem.tag_prior.chi_square(errors_of_tags(problem, poses));

@@ -11,7 +11,7 @@ namespace gantry::internal {
 struct Solution {
   Poses poses;
   Pose gauge = Pose::Identity();  ///< Brings the first scan back to where it was tagged.
-  double edge_sigma_mm = 0;
+  EdgeModel edges;
   Pairs pairs;                ///< Those of the attempt's evidence that take part, then those that do not.
   std::vector<PairSum> sums;  ///< Of both ways, as match_all's.
   TagPrior::ChiSquare from_tags;
