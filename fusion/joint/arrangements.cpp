@@ -21,22 +21,38 @@ constexpr double kLeastMatched = 0.08;  ///< Of the samples, for two scans to sa
 /// Errors of two tags are unlikely to differ by more, in sigmas of one.
 constexpr double kWidestInSigmas = 3;
 
-struct Arrangement {
+/// An arrangement of some scans so far.
+struct Partial {
   Core core;
   double score = 0;
 };
 
-bool same(const JointProblem& problem, const Arrangement& a, const Arrangement& b) {
+bool apart(const JointProblem& problem, const Pose& a, const Pose& b) {
+  const Vector6d twist = log_about(problem.centre, a * b.inverse());
+  return twist.tail<3>().norm() + problem.radius_mm * twist.head<3>().norm() > 2 * problem.coarse_mm;
+}
+
+bool same(const JointProblem& problem, const Partial& a, const Partial& b) {
   for (const size_t i : a.core.scans)
     if (!b.core.holds(i)) return false;
   const size_t first = a.core.scans.front();
   const Pose common = a.core.poses[first] * b.core.poses[first].inverse();
-  for (const size_t i : a.core.scans) {
-    const Vector6d apart = log_about(problem.centre, common * b.core.poses[i] * a.core.poses[i].inverse());
-    if (apart.tail<3>().norm() + problem.radius_mm * apart.head<3>().norm() > 2 * problem.coarse_mm)
-      return false;
+  return std::none_of(a.core.scans.begin(), a.core.scans.end(),
+                      [&](size_t i) { return apart(problem, common * b.core.poses[i], a.core.poses[i]); });
+}
+
+/// The `most` best that differ, best first.
+std::vector<Partial> best_distinct(const JointProblem& problem, std::vector<Partial> all, size_t most) {
+  std::stable_sort(all.begin(), all.end(),
+                   [](const Partial& a, const Partial& b) { return a.score > b.score; });
+  std::vector<Partial> kept;
+  for (Partial& next : all) {
+    if (kept.size() == most) break;
+    if (std::none_of(kept.begin(), kept.end(),
+                     [&](const Partial& other) { return same(problem, next, other); }))
+      kept.push_back(std::move(next));
   }
-  return true;
+  return kept;
 }
 
 double widest_turn(const JointProblem& problem) {
@@ -47,7 +63,7 @@ double widest_turn(const JointProblem& problem) {
 }
 
 /// Adjusts the core and judges it anew, finely.
-void refine(const JointProblem& problem, Arrangement& arrangement) {
+void refine(const JointProblem& problem, Partial& arrangement) {
   Core& core = arrangement.core;
   Pairs pairs;
   for (size_t k = 0; k < core.scans.size(); ++k)
@@ -114,12 +130,35 @@ class PairPlacements {
   std::vector<std::vector<Pose>> found_;  // [of a][b], part_from_grid of a's tag
 };
 
+/// Places each scan of the best arrangement anew, now that all the others are there to hold on to: some could
+/// only be guessed from a single neighbour.
+std::vector<Partial> each_once_more(const JointProblem& problem, std::vector<Partial> beam) {
+  const double widest = widest_turn(problem);
+  const Partial best = beam.front();
+  std::vector<std::vector<Placement>> found(best.core.scans.size());
+  tbb::parallel_for(size_t{0}, found.size(), [&](size_t k) {
+    Core others = best.core;
+    others.scans.erase(others.scans.begin() + static_cast<std::ptrdiff_t>(k));
+    if (others.scans.empty()) return;
+    found[k] = placements(problem, others, best.core.scans[k],
+                          starts_near_tag(problem, others, best.core.scans[k], widest), kAlternatives);
+  });
+  const size_t known = beam.size();
+  for (size_t k = 0; k < found.size(); ++k)
+    for (const Placement& place : found[k]) {
+      beam.push_back(best);
+      beam.back().core.poses[best.core.scans[k]] = place.pose;
+    }
+  tbb::parallel_for(known, beam.size(), [&](size_t k) { refine(problem, beam[k]); });
+  return best_distinct(problem, std::move(beam), kWidth);
+}
+
 }  // namespace
 
-std::vector<Poses> search_arrangements(const JointProblem& problem, const Poses& poses, size_t most) {
+std::vector<Arrangement> search_arrangements(const JointProblem& problem, const Poses& poses, size_t most) {
   const size_t n = problem.size();
   const PairPlacements pairs(problem);
-  std::vector<Arrangement> beam;
+  std::vector<Partial> beam;
   for (size_t i = 0; i < n; ++i) beam.push_back({{{i}, poses}, 0});
   for (size_t level = 1; level < n; ++level) {
     struct Task {
@@ -135,36 +174,36 @@ std::vector<Poses> search_arrangements(const JointProblem& problem, const Poses&
       const Core& core = beam[task.arrangement].core;
       task.found = placements(problem, core, task.scan, pairs.beside(core, task.scan), kAlternatives);
     });
-    std::vector<Arrangement> grown;
+    std::vector<Partial> grown;
     for (const Task& task : tasks)
       for (const Placement& place : task.found) {
-        Arrangement next = beam[task.arrangement];
+        Partial next = beam[task.arrangement];
         next.core.scans.push_back(task.scan);
         next.core.poses[task.scan] = place.pose;
         next.score += place.fit.score();
         grown.push_back(std::move(next));
       }
-    std::stable_sort(grown.begin(), grown.end(),
-                     [](const Arrangement& a, const Arrangement& b) { return a.score > b.score; });
-    std::vector<Arrangement> kept;
-    for (Arrangement& next : grown) {
-      if (kept.size() == 3 * kWidth) break;
-      if (std::none_of(kept.begin(), kept.end(),
-                       [&](const Arrangement& other) { return same(problem, next, other); }))
-        kept.push_back(std::move(next));
-    }
-    tbb::parallel_for(size_t{0}, kept.size(), [&](size_t k) { refine(problem, kept[k]); });
-    std::stable_sort(kept.begin(), kept.end(),
-                     [](const Arrangement& a, const Arrangement& b) { return a.score > b.score; });
-    if (kept.size() > kWidth) kept.resize(kWidth);
-    beam = std::move(kept);
+    // Scans that share nothing with any other cannot be placed.
+    if (grown.empty()) break;
+    grown = best_distinct(problem, std::move(grown), 3 * kWidth);
+    tbb::parallel_for(size_t{0}, grown.size(), [&](size_t k) { refine(problem, grown[k]); });
+    beam = best_distinct(problem, std::move(grown), kWidth);
   }
-  std::vector<Poses> best;
-  for (const Arrangement& arrangement : beam) {
+  beam = each_once_more(problem, std::move(beam));
+  std::vector<Arrangement> best;
+  for (const Partial& arrangement : beam) {
     if (best.size() == most) break;
-    best.push_back(arrangement.core.poses);
+    best.push_back({arrangement.core.poses, arrangement.score});
   }
   return best;
+}
+
+std::vector<size_t> placed_otherwise(const JointProblem& problem, const Poses& a, const Poses& b) {
+  const Pose common = a[0] * b[0].inverse();
+  std::vector<size_t> which;
+  for (size_t i = 1; i < a.size(); ++i)
+    if (apart(problem, common * b[i], a[i])) which.push_back(i);
+  return which;
 }
 
 }  // namespace gantry::internal

@@ -18,12 +18,6 @@ constexpr size_t kLeastTested = 100;
 
 constexpr size_t kFineSamples = 5000;
 
-std::string names_of(const JointProblem& problem, const std::vector<size_t>& which) {
-  std::string names;
-  for (const size_t i : which) names += (names.empty() ? "" : ", ") + problem.scans[i].name;
-  return names;
-}
-
 Vector6d motion_of(const Eigen::VectorXd& motion, size_t scan) {
   return motion.segment<6>(static_cast<Eigen::Index>(6 * scan));
 }
@@ -82,6 +76,12 @@ void judge(const JointProblem& problem, Attempt& attempt) {
 }
 
 }  // namespace
+
+std::string names_of(const JointProblem& problem, const std::vector<size_t>& which) {
+  std::string names;
+  for (const size_t i : which) names += (names.empty() ? "" : ", ") + problem.scans[i].name;
+  return names;
+}
 
 bool Attempt::in_place() const {
   return std::all_of(evidence.scans.begin(), evidence.scans.end(),

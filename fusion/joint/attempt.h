@@ -53,6 +53,8 @@ bool leave_out_suspicious(const JointProblem& problem, Attempt& attempt);
 /// The same for scans that more is known of.
 bool leave_out(const JointProblem& problem, const Objections& objections, Attempt& attempt);
 
+std::string names_of(const JointProblem& problem, const std::vector<size_t>& which);
+
 /// For the worst wobble of an attempt that is to be believed.
 double worst_wobble_mm(double sigma_mm);
 

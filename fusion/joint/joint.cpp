@@ -19,6 +19,8 @@ using namespace internal;
 
 /// Sets of at most so many scans are arranged anew in all ways that fit; so many are judged.
 constexpr size_t kFew = 16, kArrangements = 4;
+/// Chi-square of six degrees of freedom that is exceeded once in a thousand times.
+constexpr double kUnlikely = 22.5;
 
 void check(const JointOptions& options) {
   const auto finite_not_negative = [](double value, const char* name) {
@@ -84,6 +86,36 @@ void mend(const JointProblem& problem, const JointOptions& options, std::vector<
   attempts.push_back(std::move(mended));
 }
 
+/// Whether a scan has ended where its tag makes it unlikely, though not impossible: on a part that is nearly
+/// symmetric it may fit better elsewhere.
+bool far_from_tags(const JointProblem& problem, const Attempt& attempt) {
+  const std::vector<double> own = problem.tag_prior.chi_square(errors_of_tags(problem, attempt.poses)).own;
+  return *std::max_element(own.begin(), own.end()) > kUnlikely;
+}
+
+/// Judges the best arrangements of all scans until one is believed, and objects to that when another one that
+/// is as good is believed as well.
+void try_arrangements(const JointProblem& problem, const Poses& tagged, std::vector<Attempt>& attempts) {
+  const std::vector<Arrangement> arrangements = search_arrangements(problem, tagged, kArrangements);
+  size_t believed = arrangements.size();
+  for (size_t k = 0; k < arrangements.size(); ++k) {
+    if (believed < k && arrangements[k].score < arrangements[believed].score - kAmbiguous) break;
+    Attempt next = attempt_at(problem, "several arrangements at a time", arrangements[k].poses);
+    refine_and_judge(problem, problem.fine_start_mm(), next);
+    if (believed < k) {
+      const std::vector<size_t> otherwise = next.objection.empty()
+                                                ? placed_otherwise(problem, attempts.back().poses, next.poses)
+                                                : std::vector<size_t>();
+      if (otherwise.empty()) continue;
+      attempts.back().objection = "the result is ambiguous: these scans fit as well in another place: " +
+                                  names_of(problem, otherwise);
+      break;
+    }
+    if (next.objection.empty()) believed = k;
+    attempts.push_back(std::move(next));
+  }
+}
+
 /// From the cheapest way to the most thorough; the first outcome that is believed ends the search.
 std::vector<Attempt> search(const JointProblem& problem, const JointOptions& options, double start_mm) {
   Poses tagged;
@@ -110,10 +142,9 @@ std::vector<Attempt> search(const JointProblem& problem, const JointOptions& opt
   attempt("coarse to fine, wider and slower", problem.fine_start_mm(), [&](Poses& poses) {
     coarse_stages(problem, std::max(25.0, 2 * start_mm), 0.93, samples, none, poses);
   });
-  if (problem.size() <= kFew && !attempts.back().objection.empty())
-    for (const Poses& arrangement : search_arrangements(problem, tagged, kArrangements))
-      attempt("several arrangements at a time", problem.fine_start_mm(),
-              [&](Poses& poses) { poses = arrangement; });
+  if (problem.size() <= kFew &&
+      (!attempts.back().objection.empty() || far_from_tags(problem, attempts.back())))
+    try_arrangements(problem, tagged, attempts);
   const auto recovered = [&](bool doubt_violators) {
     return [&, doubt_violators](Poses& poses) {
       const Attempt& before = least_violating(attempts);

@@ -79,7 +79,7 @@ struct FineOptions {
   double start_mm = 1;    ///< Robust scale at the beginning.
   size_t samples = 5000;  ///< Of a scan, about; fewer where there are many.
   int max_rounds = 30;
-  EdgeModel edges;  ///< Scatter of 0: as seen once the robust scale has shrunk.
+  EdgeModel edges = {};  ///< Scatter of 0: as seen once the robust scale has shrunk.
   /// Used and brought up to date where there are many scans; null: nothing is remembered from earlier.
   MatchMemory* memory = nullptr;
 };

@@ -196,6 +196,10 @@ Objections objections_to(const JointProblem& problem, const Attempt& attempt, co
       uncertain.emplace_back(i,
                              "is not held well enough: " + observability_of(problem, attempt, solution, i));
   }
+  // One wrong tag drags the others off theirs: the worst comes first.
+  std::stable_sort(far.begin(), far.end(), [&](const auto& a, const auto& b) {
+    return solution.from_tags.own[a.first] > solution.from_tags.own[b.first];
+  });
   far.insert(far.end(), uncertain.begin(), uncertain.end());
   return far;
 }

@@ -134,37 +134,40 @@ TEST(MatchMemory, FollowsSmallMotionsAndForgetsWhatMoved) {
   internal::MatchGates gates;
   gates.scale_mm = 1;
   gates.stride = 2;
-  internal::PairSum surface, edge, recalled, its_edges;
+  internal::PairSum surface;
+  internal::RawSums kept, recalled;
   const auto match = [&] {
     return internal::match_by_projection(surfaces[0], surfaces[1], poses[0].inverse() * poses[1], poses[0],
                                          problem.centre, gates, 0, surfaces[1].height);
   };
   surface = match();
   internal::MatchMemory memory;
-  EXPECT_FALSE(memory.recall(problem, 0, 1, poses, gates, recalled, its_edges));
-  memory.keep(0, 1, poses, gates, surface, edge);
-  ASSERT_TRUE(memory.recall(problem, 0, 1, poses, gates, recalled, its_edges));
-  EXPECT_LT((recalled.gradient - surface.gradient).norm(), 1e-6 * surface.gradient.norm());
+  EXPECT_FALSE(memory.recall(problem, 0, 1, poses, gates, recalled));
+  kept.surfaces = surface;
+  memory.keep(0, 1, poses, gates, kept);
+  ASSERT_TRUE(memory.recall(problem, 0, 1, poses, gates, recalled));
+  EXPECT_LT((recalled.surfaces.gradient - surface.gradient).norm(), 1e-6 * surface.gradient.norm());
 
   const Pose at_rest = poses[1];
   Vector6d motion = Vector6d::Zero();
   motion.tail<3>() = 0.08 * problem.noise_mm * Eigen::Vector3d(0.6, -0.64, 0.48);
   poses[1] = internal::exp_about(problem.centre, motion) * at_rest;
-  ASSERT_TRUE(memory.recall(problem, 0, 1, poses, gates, recalled, its_edges));
+  ASSERT_TRUE(memory.recall(problem, 0, 1, poses, gates, recalled));
   const Vector6d change = match().gradient - surface.gradient;
-  EXPECT_LT((recalled.gradient - surface.gradient - change).tail<3>().norm(), 0.1 * change.tail<3>().norm());
+  EXPECT_LT((recalled.surfaces.gradient - surface.gradient - change).tail<3>().norm(),
+            0.1 * change.tail<3>().norm());
   // Both moved together: nothing has changed between them.
   const Pose first = poses[0];
   poses[0] = internal::exp_about(problem.centre, 100 * motion) * first;
   poses[1] = internal::exp_about(problem.centre, 100 * motion) * at_rest;
-  EXPECT_TRUE(memory.recall(problem, 0, 1, poses, gates, recalled, its_edges));
+  EXPECT_TRUE(memory.recall(problem, 0, 1, poses, gates, recalled));
   poses[1] = at_rest;
-  EXPECT_FALSE(memory.recall(problem, 0, 1, poses, gates, recalled, its_edges));
+  EXPECT_FALSE(memory.recall(problem, 0, 1, poses, gates, recalled));
   poses[0] = first;
-  EXPECT_TRUE(memory.recall(problem, 0, 1, poses, gates, recalled, its_edges));
+  EXPECT_TRUE(memory.recall(problem, 0, 1, poses, gates, recalled));
   internal::MatchGates narrower = gates;
   narrower.scale_mm = 0.5;
-  EXPECT_FALSE(memory.recall(problem, 0, 1, poses, narrower, recalled, its_edges));
+  EXPECT_FALSE(memory.recall(problem, 0, 1, poses, narrower, recalled));
 }
 
 }  // namespace

@@ -149,8 +149,11 @@ TEST(EdgeMatches, PullAShiftedPlateBack) {
   const internal::EdgeIndex index(target);
   const Eigen::Vector3d centre(0, 0, 500), shift(0.3, -0.2, 0);
   const Pose wrong = Eigen::Translation3d(shift) * source.part_from_grid();
-  const internal::PairSum sum = match_edges(target, index, source, target.part_from_grid().inverse() * wrong,
-                                            target.part_from_grid(), centre, {1, 2, 1});
+  internal::PairSum sum;
+  for (const internal::PairSum& one :
+       match_edges(target, index, source, target.part_from_grid().inverse() * wrong, target.part_from_grid(),
+                   centre, {1, 2, 1}))
+    sum += one;
   EXPECT_GT(sum.matches, 200u);
   // Residuals grow with the error, so the step that takes them away is its opposite.
   const Eigen::Matrix3d in_plane = sum.hessian.bottomRightCorner<3, 3>();
