@@ -72,6 +72,16 @@ PoseCovariance pose_covariance(const JointProblem& problem, const Pairs& pairs,
     cost += sums[slot].cost;
     weight += sums[slot].weight;
   }
+  NormalEquations of_edges(n);
+  for (size_t slot = 0; slot < edges.hessians.size(); ++slot) {
+    const auto& [a, b] = pairs[slot / 2];
+    PairSum sum;
+    sum.hessian = edges.hessians[slot];
+    of_edges.add_pair(slot % 2 == 0 ? a : b, slot % 2 == 0 ? b : a, sum);
+  }
+  const Eigen::VectorXd mixed = by_break(problem, pairs, edges);
+  of_edges.eliminate(mixed, edges.break_hessian, 0);
+  equations.eliminate(mixed, edges.break_hessian, 0);
   const double variance = weight > 0 ? std::max(cost / weight, 1e-12) : 1;
   equations.add_prior(variance * problem.tag_prior.information(), Eigen::VectorXd::Zero(dimension));
 
@@ -115,22 +125,8 @@ PoseCovariance pose_covariance(const JointProblem& problem, const Pairs& pairs,
   });
   const Eigen::MatrixXd inverse = unit.asDiagonal() * leave_out.inverse() * unit.asDiagonal();
   result.common = inverse * (variance * variance * problem.tag_prior.information()) * inverse;
-  // Edges are weighed by what is known of their errors, so that they count as any other prior; and the whole
-  // part's may be broken more or less than they seem.
-  NormalEquations of_edges(n);
-  Eigen::VectorXd broken_more = Eigen::VectorXd::Zero(dimension);
-  for (size_t slot = 0; slot < edges.hessians.size(); ++slot) {
-    const auto& [a, b] = pairs[slot / 2];
-    const size_t target = slot % 2 == 0 ? a : b, source = slot % 2 == 0 ? b : a;
-    PairSum sum;
-    sum.hessian = edges.hessians[slot];
-    of_edges.add_pair(target, source, sum);
-    broken_more.segment<6>(static_cast<Eigen::Index>(6 * source)) += edges.if_broken_more[slot];
-    broken_more.segment<6>(static_cast<Eigen::Index>(6 * target)) -= edges.if_broken_more[slot];
-  }
+  // Edges are weighed by what is known of their errors, so that they count as any other prior.
   result.common += inverse * (variance * of_edges.hessian()) * inverse;
-  const Eigen::VectorXd moved = edges.model.at_faces.pair_offset_mm * inverse * broken_more;
-  result.common += moved * moved.transpose();
   return result;
 }
 

@@ -136,8 +136,9 @@ Wobble wobble(const JointProblem& problem, const Pairs& pairs, const Poses& pose
   gates.stride =
       std::max(1, static_cast<int>(std::sqrt(static_cast<double>(problem.scans[0].usable) /
                                              static_cast<double>(problem.samples(kWobbleSamples)))));
-  const NormalEquations equations =
-      equations_of(problem, pairs, settled, match_all(problem, pairs, settled, gates), problem.noise_mm);
+  EdgeEvidence seen;
+  const std::vector<PairSum> sums = match_all(problem, pairs, settled, gates, nullptr, nullptr, &seen);
+  const NormalEquations equations = equations_of(problem, pairs, settled, sums, seen, problem.noise_mm);
   // Scan 0 held; lengths at the part's radius for rotations too.
   const auto free = static_cast<Eigen::Index>(6 * (problem.size() - 1));
   Eigen::VectorXd unit(free);

@@ -42,10 +42,12 @@ struct BlockSum {
 /// What a round of matching saw of edges.
 struct EdgeEvidence {
   EdgeModel model;  ///< As these matches show.
-  /// For each slot, what edges and faces have added to PairSum::hessian, ...
+  /// For each slot, what edges and faces have added to PairSum::hessian.
   std::vector<Matrix6d> hessians;
-  /// ... and as its gradient would be if every edge ended 1 mm further from the faces.
-  std::vector<Vector6d> if_broken_more;
+  /// The normal equations of EdgeModel::break_mm, which is one more unknown: for each slot its mixed
+  /// derivative with the error of the source; its own derivatives.
+  std::vector<Vector6d> by_break;
+  double break_hessian = 1, break_gradient = 0;
 };
 
 /// Which blocks of 16 x 16 pixels of a source have matches in a target, row by row of blocks: once poses

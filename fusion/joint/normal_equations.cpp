@@ -80,6 +80,13 @@ void NormalEquations::add_prior(const Eigen::MatrixXd& information, const Eigen:
   gradient_.noalias() += information * offset;
 }
 
+void NormalEquations::eliminate(const Eigen::VectorXd& mixed, double hessian, double gradient,
+                                double factor) {
+  if (mixed.isZero(0)) return;
+  hessian_.noalias() -= (factor / hessian) * mixed * mixed.transpose();
+  gradient_ -= (factor * gradient / hessian) * mixed;
+}
+
 Eigen::VectorXd NormalEquations::solve() const {
   const Eigen::VectorXd scale = hessian_.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
   Eigen::MatrixXd scaled = scale.asDiagonal() * hessian_ * scale.asDiagonal();

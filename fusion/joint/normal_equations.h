@@ -54,6 +54,9 @@ class NormalEquations {
   /// The same on all poses together, 6 rows a scan.
   void add_prior(const Eigen::MatrixXd& information, const Eigen::VectorXd& offset);
 
+  /// Takes an unknown out that is shared by all scans: its mixed derivatives, its own, all times `factor`.
+  void eliminate(const Eigen::VectorXd& mixed, double hessian, double gradient, double factor = 1);
+
   const Eigen::MatrixXd& hessian() const { return hessian_; }
   const Eigen::VectorXd& gradient() const { return gradient_; }
   /// The step that minimises the quadratic; rows and columns are scaled first, because radians and

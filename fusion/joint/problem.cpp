@@ -20,6 +20,8 @@ constexpr double kEdgeSigmaAtFirst_px = 1;
 constexpr double kEdgePixelsAlike = 9;
 /// Broken and rounded edges differ by this, in pitches, with the side they are seen from.
 constexpr double kEdgeScatter_px = 3;
+/// Edges are broken by about this much unless these scans know better (ISO 13715 speaks of 0.1 to 0.5 mm).
+constexpr double kUsualBreak_mm = 0.3;
 /// Chamfers and fillets wider than this are surfaces of their own.
 constexpr double kMostBroken_px = 8;
 /// Edges of a scan that take part while pixels are skipped.
@@ -191,34 +193,29 @@ std::vector<PairSum> match_all(const JointProblem& problem, const Pairs& pairs, 
   std::vector<PairSum> sums(slots);
   std::vector<Matrix6d> factors(slots);
   std::vector<double> softening(slots);
+  const double share = surface_variance / (gates.stride * gates.stride);
   EdgeEvidence evidence;
+  evidence.break_hessian = surface_variance / (kUsualBreak_mm * kUsualBreak_mm);
+  evidence.break_gradient = evidence.break_hessian * model.break_mm;
   for (size_t slot = 0; slot < slots; ++slot) {
     sums[slot] = raw[slot].surfaces;
     softening[slot] = sums[slot].soften();
     factors[slot] = sums[slot].take_out_tilts();
     // What was skipped, of edges and of pixels, must not change how much they count against each other.
     const size_t step = edge_gates(problem, problem.scans[source_of(slot)], gates).step;
-    const double count = static_cast<double>(step) / kEdgePixelsAlike,
-                 share = surface_variance / (gates.stride * gates.stride);
+    const double count = static_cast<double>(step) / kEdgePixelsAlike;
     const PairSum edges = weighed(raw[slot].edges, model.at_edges, count),
                   faces = weighed(raw[slot].faces, model.at_faces, count);
     evidence.hessians.push_back(share * (edges.hessian + faces.hessian));
-    evidence.if_broken_more.push_back(share * faces.directions);
+    evidence.by_break.push_back(share * faces.directions);
+    evidence.break_hessian += share * faces.weight;
+    evidence.break_gradient += share * faces.offset;
     sums[slot].hessian += evidence.hessians.back();
     sums[slot].gradient += share * (edges.gradient + faces.gradient);
   }
   if (edge_evidence) {
-    double at_faces = 0, offset = 0;
-    for (const RawSums& r : raw)
-      for (const PairSum& one : r.faces) {
-        at_faces += one.weight;
-        offset += one.offset;
-      }
-    if (at_faces > 0)
-      model.break_mm =
-          std::clamp(model.break_mm - offset / at_faces, 0.0, kMostBroken_px * problem.spacing_mm);
+    evidence.model = model;
     *edge_evidence = std::move(evidence);
-    edge_evidence->model = model;
   }
   if (blocks) {
     blocks->assign(slots, {});
@@ -246,14 +243,34 @@ Eigen::VectorXd errors_of_tags(const JointProblem& problem, const Poses& poses) 
 }
 
 NormalEquations equations_of(const JointProblem& problem, const Pairs& pairs, const Poses& poses,
-                             const std::vector<PairSum>& sums, double sigma_mm) {
+                             const std::vector<PairSum>& sums, const EdgeEvidence& edges, double sigma_mm) {
   NormalEquations equations(problem.size());
+  const double factor = 1 / (sigma_mm * sigma_mm);
   for (size_t k = 0; k < pairs.size(); ++k) {
-    equations.add_pair(pairs[k].first, pairs[k].second, sums[2 * k], 1 / (sigma_mm * sigma_mm));
-    equations.add_pair(pairs[k].second, pairs[k].first, sums[2 * k + 1], 1 / (sigma_mm * sigma_mm));
+    equations.add_pair(pairs[k].first, pairs[k].second, sums[2 * k], factor);
+    equations.add_pair(pairs[k].second, pairs[k].first, sums[2 * k + 1], factor);
   }
+  equations.eliminate(by_break(problem, pairs, edges), edges.break_hessian, edges.break_gradient, factor);
   equations.add_prior(problem.tag_prior.information(), errors_of_tags(problem, poses));
   return equations;
+}
+
+Eigen::VectorXd by_break(const JointProblem& problem, const Pairs& pairs, const EdgeEvidence& edges) {
+  Eigen::VectorXd mixed = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(6 * problem.size()));
+  for (size_t slot = 0; slot < edges.by_break.size(); ++slot) {
+    const auto& [a, b] = pairs[slot / 2];
+    const size_t target = slot % 2 == 0 ? a : b, source = slot % 2 == 0 ? b : a;
+    mixed.segment<6>(static_cast<Eigen::Index>(6 * source)) += edges.by_break[slot];
+    mixed.segment<6>(static_cast<Eigen::Index>(6 * target)) -= edges.by_break[slot];
+  }
+  return mixed;
+}
+
+double broken_after(const JointProblem& problem, const Pairs& pairs, const EdgeEvidence& edges,
+                    const Eigen::VectorXd& step) {
+  const double more =
+      -(edges.break_gradient + by_break(problem, pairs, edges).dot(step)) / edges.break_hessian;
+  return std::clamp(edges.model.break_mm + more, 0.0, kMostBroken_px * problem.spacing_mm);
 }
 
 double apply_step(const JointProblem& problem, const Eigen::VectorXd& step, Poses& poses) {
@@ -308,7 +325,6 @@ FineResult align_fine(const JointProblem& problem, const Pairs& pairs, const Fin
     const std::vector<PairSum> sums =
         match_all(problem, pairs, poses, gates, nullptr, active, &edges, memory);
     result.edges = edges.model;
-    gates.edges.break_mm = edges.model.break_mm;
     double cost = 0, weight = 0;
     for (const PairSum& s : sums) {
       cost += s.cost;
@@ -316,8 +332,9 @@ FineResult align_fine(const JointProblem& problem, const Pairs& pairs, const Fin
     }
     if (!(weight > 0)) break;
     result.sigma_mm = std::max(std::sqrt(cost / weight), 0.1 * problem.noise_mm);
-    const NormalEquations equations = equations_of(problem, pairs, poses, sums, result.sigma_mm);
-    result.step_mm = apply_step(problem, equations.solve(), poses);
+    const Eigen::VectorXd step = equations_of(problem, pairs, poses, sums, edges, result.sigma_mm).solve();
+    result.step_mm = apply_step(problem, step, poses);
+    result.edges.break_mm = gates.edges.break_mm = broken_after(problem, pairs, edges, step);
     if (at_end && result.step_mm < 0.02 * problem.noise_mm) break;
     const double goal = std::max(least, 3 * result.sigma_mm);
     if (scale <= goal * 1.0001) at_end = true;

@@ -67,7 +67,14 @@ std::vector<PairSum> match_all(const JointProblem& problem, const Pairs& pairs, 
 Eigen::VectorXd errors_of_tags(const JointProblem& problem, const Poses& poses);
 
 NormalEquations equations_of(const JointProblem& problem, const Pairs& pairs, const Poses& poses,
-                             const std::vector<PairSum>& sums, double sigma_mm);
+                             const std::vector<PairSum>& sums, const EdgeEvidence& edges, double sigma_mm);
+
+/// EdgeEvidence::by_break of all scans, 6 rows each.
+Eigen::VectorXd by_break(const JointProblem& problem, const Pairs& pairs, const EdgeEvidence& edges);
+
+/// EdgeModel::break_mm once this step has been applied to the poses at which the edges were matched.
+double broken_after(const JointProblem& problem, const Pairs& pairs, const EdgeEvidence& edges,
+                    const Eigen::VectorXd& step);
 
 /// Applies a step to all poses; returns the largest displacement of any scan, at the part's radius.
 double apply_step(const JointProblem& problem, const Eigen::VectorXd& step, Poses& poses);

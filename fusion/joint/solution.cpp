@@ -34,9 +34,10 @@ double chi_square_limit(double degrees) {
 /// How far the other scans would go if one were taken out, to first order. Motions that are loosely held
 /// without it are no contradiction, however large.
 std::vector<double> leave_one_out(const JointProblem& problem, const Pairs& pairs, const Poses& poses,
-                                  const std::vector<PairSum>& sums, double sigma_mm) {
+                                  const std::vector<PairSum>& sums, const EdgeEvidence& edges,
+                                  double sigma_mm) {
   std::vector<double> moved(problem.size(), 0);
-  const NormalEquations equations = equations_of(problem, pairs, poses, sums, sigma_mm);
+  const NormalEquations equations = equations_of(problem, pairs, poses, sums, edges, sigma_mm);
   const Eigen::VectorXd unit = equations.hessian().diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
   Eigen::MatrixXd scaled = unit.asDiagonal() * equations.hessian() * unit.asDiagonal();
   scaled.diagonal().array() += 1e-12;
@@ -122,11 +123,13 @@ Solution solve_finely(const JointProblem& problem, const Attempt& attempt) {
   solution.leave_one_out_mm.assign(n, 0);
   if (!pairs.empty()) {
     const auto step_by = [&](const std::vector<PairSum>& by) {
-      apply_step(problem, equations_of(problem, pairs, poses, by, attempt.sigma_mm).solve(), poses);
+      const Eigen::VectorXd step = equations_of(problem, pairs, poses, by, edges, attempt.sigma_mm).solve();
+      apply_step(problem, step, poses);
+      gates.edges.break_mm = broken_after(problem, pairs, edges, step);
     };
-    step_by(match_all(problem, pairs, poses, gates, nullptr, &active));
+    step_by(match_all(problem, pairs, poses, gates, nullptr, &active, &edges));
     solution.sums = match_all(problem, pairs, poses, gates, &blocks, &active, &edges);
-    solution.leave_one_out_mm = leave_one_out(problem, pairs, poses, solution.sums, attempt.sigma_mm);
+    solution.leave_one_out_mm = leave_one_out(problem, pairs, poses, solution.sums, edges, attempt.sigma_mm);
     step_by(solution.sums);
   }
   solution.pairs = pairs;
@@ -152,7 +155,7 @@ Solution solve_finely(const JointProblem& problem, const Attempt& attempt) {
   append(solution.sums, its_sums);
   append(blocks, its_blocks);
   append(edges.hessians, its_edges.hessians);
-  append(edges.if_broken_more, its_edges.if_broken_more);
+  append(edges.by_break, its_edges.by_break);
   const std::vector<Matrix6d> with_all =
       covariances(pose_covariance(problem, solution.pairs, solution.sums, blocks, edges), solution.gauge, n);
   const TagPrior::ChiSquare from_tags = problem.tag_prior.chi_square(errors_of_tags(problem, poses));
