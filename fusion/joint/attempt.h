@@ -10,7 +10,8 @@
 namespace gantry::internal {
 
 /// What speaks against single scans: which, and in words that go on from its name.
-using Objections = std::vector<std::pair<size_t, std::string>>;
+using Objection = std::pair<size_t, std::string>;
+using Objections = std::vector<Objection>;
 
 /// One try at the whole problem, and what speaks against its outcome.
 struct Attempt {

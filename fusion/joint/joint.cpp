@@ -61,10 +61,18 @@ std::vector<bool> suspects(const Attempt& attempt, bool doubt_violators) {
   return doubted;
 }
 
-Attempt& least_violating(std::vector<Attempt>& attempts) {
+Attempt& least_violating(std::span<Attempt> attempts) {
   return *std::min_element(attempts.begin(), attempts.end(), [](const Attempt& a, const Attempt& b) {
     return a.evidence.worst_violation < b.evidence.worst_violation;
   });
+}
+
+/// The attempt that would be believed without the fewest scans.
+Attempt& least_suspicious(const JointProblem& problem, std::vector<Attempt>& attempts) {
+  std::vector<std::pair<size_t, double>> order;
+  for (const Attempt& attempt : attempts)
+    order.emplace_back(suspicious_scans(problem, attempt).size(), attempt.evidence.worst_violation);
+  return attempts[static_cast<size_t>(std::min_element(order.begin(), order.end()) - order.begin())];
 }
 
 /// In a large set the few scans that are suspicious are placed again, and if that does not help they are left
@@ -136,12 +144,14 @@ std::vector<Attempt> search(const JointProblem& problem, const JointOptions& opt
       options.coarse_samples > 0 ? options.coarse_samples : problem.samples(kCoarseSamples);
   const std::vector<bool> none(problem.size(), false);
   // Good tags need no coarse stage: matches by projection find their way from a pixel or two.
-  if (start_mm <= 4 * problem.spacing_mm) attempt("from the tags", start_mm, [](Poses&) {});
+  const bool near = start_mm <= 4 * problem.spacing_mm;
+  if (near) attempt("from the tags", start_mm, [](Poses&) {});
   attempt("coarse to fine", problem.fine_start_mm(),
           [&](Poses& poses) { coarse_stages(problem, start_mm, 0.85, samples, none, poses); });
   attempt("coarse to fine, wider and slower", problem.fine_start_mm(), [&](Poses& poses) {
     coarse_stages(problem, std::max(25.0, 2 * start_mm), 0.93, samples, none, poses);
   });
+  const size_t from_tags = attempts.size();
   if (problem.size() <= kFew &&
       (!attempts.back().objection.empty() || far_from_tags(problem, attempts.back())))
     try_arrangements(problem, tagged, attempts);
@@ -158,15 +168,15 @@ std::vector<Attempt> search(const JointProblem& problem, const JointOptions& opt
   }
   if (attempts.back().objection.empty()) return attempts;
   // A scan of something else has pulled at its neighbours: from the tags on as if the worst were not there.
-  Attempt rest = least_violating(attempts);
+  Attempt rest = least_violating(std::span(attempts).first(from_tags));
   while (!rest.objection.empty() && !problem.many() &&
          rest.left_out_count() < most_left_out(problem.size())) {
     const Objections suspicious = suspicious_scans(problem, rest);
     if (suspicious.empty() || suspicious.front().first == 0) break;
-    Attempt next = attempt_at(problem, "coarse to fine without what is left out", tagged);
+    Attempt next = attempt_at(problem, "from the tags without what is left out", tagged);
     next.left_out = rest.left_out;
     next.left_out[suspicious.front().first] = suspicious.front().second;
-    coarse_stages(problem, start_mm, 0.85, samples, next.left_out_mask(), next.poses);
+    if (!near) coarse_stages(problem, start_mm, 0.85, samples, next.left_out_mask(), next.poses);
     for (size_t i = 0; i < problem.size(); ++i)
       if (!next.left_out[i].empty()) next.poses[i] = rest.poses[i];
     refine_and_judge(problem, problem.fine_start_mm(), next);
@@ -185,7 +195,7 @@ Registration register_joint(std::span<const RangeSurface> scans, const JointOpti
   const double start_mm = options.start_mm > 0 ? options.start_mm : std::min(15.0, 3 * tag_sigma_mm(problem));
 
   std::vector<Attempt> attempts = search(problem, options, start_mm);
-  Attempt& best = attempts.back().objection.empty() ? attempts.back() : least_violating(attempts);
+  Attempt& best = attempts.back().objection.empty() ? attempts.back() : least_suspicious(problem, attempts);
   if (!best.objection.empty()) leave_out_suspicious(problem, best);
 
   Solution solution = solve_finely(problem, best);
@@ -198,10 +208,19 @@ Registration register_joint(std::span<const RangeSurface> scans, const JointOpti
     } else {
       const auto& [scan, why] = objections.front();
       best.objection = scans[scan].name + " " + why;
+      std::vector<size_t> others;
+      for (const Objection& other : std::span(objections).subspan(1)) others.push_back(other.first);
+      if (!others.empty()) best.objection += "; objections of their own: " + names_of(problem, others);
     }
   }
   if (scans.size() > 1 && best.wobble.scans_mm.empty())
     best.wobble = wobble(problem, best.evidence.pairs, best.poses);
+  if (!best.objection.empty() && best.left_out_count() > 0) {
+    std::vector<size_t> without;
+    for (size_t i = 0; i < scans.size(); ++i)
+      if (!best.left_out[i].empty()) without.push_back(i);
+    best.objection += "; left out already: " + names_of(problem, without);
+  }
   Registration result = report_of(problem, options, start_mm, best, solution);
   result.iterations = static_cast<int>(attempts.size());
   return result;
