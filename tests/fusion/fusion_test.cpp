@@ -124,7 +124,7 @@ TEST_P(FusionMethod, DoesNotTrustAScanThatLiesWhereAnotherLookedThrough) {
   scans[2].part_from_sensor.mean = astray * bracket_views().truth[2];
   // The tag is as sure of itself as it is wrong.
   for (TaggedScan& scan : scans)
-    scan.part_from_sensor.independent = covariance_about(bracket_middle(), 5e-3, 5e-5);
+    scan.part_from_sensor.independent = covariance_about(bracket_middle(), 1e-4, 1e-6);
   const FusionResult result = fuse(scans, GetParam());
   EXPECT_FALSE(result.trusted);
   EXPECT_NE(result.reason.find("view2"), std::string::npos) << result.reason;
