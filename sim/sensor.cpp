@@ -29,9 +29,18 @@ struct PixelRandom {
 };
 
 struct TracedPixel {
-  float range = 0;   // along the ray, 0 where nothing is hit
-  float cosine = 0;  // of the incidence angle
+  float range = 0;                                   // along the ray, 0 where nothing is hit
+  float cosine = 0;                                  // of the incidence angle
+  Eigen::Vector3f normal = Eigen::Vector3f::Zero();  // in the sensor's frame
 };
+
+/// Whether what another ray hits lies off this pixel's tangent plane: more than `step` before or behind it.
+bool off_tangent_plane(const TracedPixel& pixel, const Eigen::Vector3d& other_ray, double other_range,
+                       double step) {
+  const double other_cosine = -pixel.normal.cast<double>().dot(other_ray);
+  if (other_cosine <= 0) return true;
+  return std::abs(other_range - pixel.range * pixel.cosine / other_cosine) > step;
+}
 
 }  // namespace
 
@@ -68,7 +77,8 @@ Scan trace_scan(const SensorModel& model, const RayScene& scene, const Pose& beg
       const Eigen::Vector3f point = origin + hit->distance * direction;
       // Lifted off the surface by a little, or the shadow ray would meet the triangle it starts from.
       if (model.projector_offset_mm != 0 && scene.occluded(point + 0.01f * normal, projector)) continue;
-      traced[static_cast<size_t>(row) * w + column] = {hit->distance, cosine};
+      traced[static_cast<size_t>(row) * w + column] = {
+          hit->distance, cosine, scene_from_sensor.linear().transpose().cast<float>() * normal};
     }
   });
 
@@ -97,9 +107,13 @@ Scan trace_scan(const SensorModel& model, const RayScene& scene, const Pose& beg
         for (const auto& step : kSteps) {
           const int c = column + step[0], r = row + step[1];
           if (c < 0 || r < 0 || c >= w || r >= h) continue;
-          const double other = traced[scan.index(c, r)].range;
-          if (other == 0 || std::abs(other - pixel.range) < model.mixed_pixel_step_mm) continue;
-          range += random.uniform() * (other - pixel.range);
+          const TracedPixel& other = traced[scan.index(c, r)];
+          // A surface seen at a slant falls by as much from pixel to pixel, and is no step.
+          if (other.range == 0 ||
+              !off_tangent_plane(pixel, ray(c, r), other.range, model.mixed_pixel_step_mm) ||
+              !off_tangent_plane(other, ray(column, row), pixel.range, model.mixed_pixel_step_mm))
+            continue;
+          range += random.uniform() * (other.range - pixel.range);
           break;
         }
       }

@@ -15,34 +15,55 @@ namespace {
 
 /// Many times what shares a measured pixel: creases, along which interpolation errs alike, are longer.
 constexpr double kLeastPatch_px = 64;
-/// With fewer than a dozen patches in effect no factor is right.
-constexpr double kMostEnlarged = 3;
+/// One more than the dimensions: so few patches say nothing of a covariance's shape.
+constexpr double kFewPatches = 7;
 
 using PatchKey = std::array<int, 3>;
+
+/// Covariance of a scan's errors against scan 0's.
+Matrix6d relative(const Eigen::MatrixXd& covariance, size_t scan) {
+  const auto i = static_cast<Eigen::Index>(6 * scan);
+  return covariance.block<6, 6>(i, i) + covariance.block<6, 6>(0, 0) - covariance.block<6, 6>(i, 0) -
+         covariance.block<6, 6>(0, i);
+}
+
+/// What the patches say of one scan's errors.
+struct Shown {
+  Matrix6d by_patches, independent;
+  double patches;      ///< In effect (Satterthwaite).
+  double correlation;  ///< How many times the one is the other, in the mean of six directions.
+};
+
+Shown shown_of(const PoseCovariance& all, size_t scan) {
+  const auto i = static_cast<Eigen::Index>(6 * scan);
+  const Eigen::Matrix<double, 6, Eigen::Dynamic> its = all.moves.middleRows<6>(i) - all.moves.topRows<6>();
+  Shown shown{its * its.transpose(), relative(all.independent, scan), 0, 0};
+  // Radians and millimetres differ: unit diagonal first.
+  const Vector6d scale = shown.independent.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
+  const Matrix6d scaled = scale.asDiagonal() * shown.independent * scale.asDiagonal();
+  const Eigen::LLT<Matrix6d> root((scaled + 1e-9 * Matrix6d::Identity()).eval());
+  const Eigen::VectorXd shares =
+      root.matrixL().solve(scale.asDiagonal() * its).colwise().squaredNorm().transpose();
+  shown.correlation = shares.sum() / 6;
+  shown.patches = shares.squaredNorm() > 0 ? shares.sum() * shares.sum() / shares.squaredNorm() : 0;
+  return shown;
+}
 
 }  // namespace
 
 Matrix6d PoseCovariance::of(size_t scan) const {
-  const auto i = static_cast<Eigen::Index>(6 * scan);
-  const Eigen::Matrix<double, 6, Eigen::Dynamic> its = moves.middleRows<6>(i) - moves.topRows<6>();
-  const Matrix6d data = its * its.transpose();
-  const Matrix6d rest = common.block<6, 6>(i, i) + common.block<6, 6>(0, 0) - common.block<6, 6>(i, 0) -
-                        common.block<6, 6>(0, i);
-  // Radians and millimetres differ: unit diagonal first.
-  const Vector6d scale = data.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
-  const Matrix6d scaled = scale.asDiagonal() * data * scale.asDiagonal();
-  const Eigen::LLT<Matrix6d> root((scaled + 1e-9 * Matrix6d::Identity()).eval());
-  const Eigen::VectorXd shares =
-      root.matrixL().solve(scale.asDiagonal() * its).colwise().squaredNorm().transpose();
-  const double effective = shares.squaredNorm() > 0 ? shares.sum() * shares.sum() / shares.squaredNorm() : 0;
-  const double enlarged =
-      std::min(kMostEnlarged, effective > 7 ? effective / (effective - 7) : kMostEnlarged);
-  return enlarged * data + rest;
+  const Shown shown = shown_of(*this, scan);
+  const double trusted = 1 - kFewPatches / std::max(shown.patches, kFewPatches);
+  const Matrix6d data = trusted * shown.by_patches + (1 - trusted) * correlation * shown.independent;
+  const double in_effect = trusted > 0 ? shown.patches / (trusted * trusted) : 0;
+  const double enlarged = trusted > 0 ? in_effect / (in_effect - kFewPatches) : 1;
+  return enlarged * data + relative(common, scan);
 }
 
 PoseCovariance pose_covariance(const JointProblem& problem, const Pairs& pairs,
                                const std::vector<PairSum>& sums,
-                               const std::vector<std::vector<BlockSum>>& blocks, const EdgeEvidence& edges) {
+                               const std::vector<std::vector<BlockSum>>& blocks, const EdgeEvidence& edges,
+                               const std::vector<Vector6d>& chords) {
   const size_t n = problem.size();
   const auto dimension = static_cast<Eigen::Index>(6 * n);
   PoseCovariance result;
@@ -72,6 +93,7 @@ PoseCovariance pose_covariance(const JointProblem& problem, const Pairs& pairs,
     cost += sums[slot].cost;
     weight += sums[slot].weight;
   }
+  const Eigen::MatrixXd of_surfaces = equations.hessian();
   NormalEquations of_edges(n);
   for (size_t slot = 0; slot < edges.hessians.size(); ++slot) {
     const auto& [a, b] = pairs[slot / 2];
@@ -127,6 +149,21 @@ PoseCovariance pose_covariance(const JointProblem& problem, const Pairs& pairs,
   result.common = inverse * (variance * variance * problem.tag_prior.information()) * inverse;
   // Edges are weighed by what is known of their errors, so that they count as any other prior.
   result.common += inverse * (variance * of_edges.hessian()) * inverse;
+  for (size_t slot = 0; slot < chords.size(); ++slot) {
+    const auto a = static_cast<Eigen::Index>(6 * pairs[slot / 2].first),
+               b = static_cast<Eigen::Index>(6 * pairs[slot / 2].second);
+    // Target and source, whichever is which: the sign is the same for all of it.
+    const Eigen::VectorXd moved = (inverse.middleCols<6>(a) - inverse.middleCols<6>(b)) * chords[slot];
+    result.common += moved * moved.transpose();
+  }
+  result.independent = inverse * (variance * of_surfaces) * inverse;
+  double correlations = 0, all_patches = 0;
+  for (size_t i = 1; i < n; ++i) {
+    const Shown shown = shown_of(result, i);
+    correlations += shown.patches * shown.correlation;
+    all_patches += shown.patches;
+  }
+  if (all_patches > 0) result.correlation = correlations / all_patches;
   return result;
 }
 

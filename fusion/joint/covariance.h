@@ -23,18 +23,29 @@ namespace gantry::internal {
 /// the standard deviation by which edges scatter, adds its own part for each scan. Around a closed outline
 /// such offsets cancel.
 ///
-/// A sum over few patches is itself uncertain: with nu of them in effect (Satterthwaite), the inverse of what
-/// they show is nu / (nu - 7) of the true one in the mean (six dimensions; inverse Wishart), and the
-/// covariance is enlarged by that.
+/// A sum over few patches is itself uncertain, and with less than seven of them in effect (Satterthwaite)
+/// says nothing of six directions at once. With nu in effect a share of 7 / nu of it is therefore replaced by
+/// what independent pixels would leave, times the factor by which correlation enlarges that in the mean over
+/// all scans (shrinkage; Ledoit and Wolf 2004). What is left of the jackknife's uncertainty enlarges the
+/// whole: the inverse of a sum over nu patches is nu / (nu - 7) of the true one in the mean (inverse
+/// Wishart).
+///
+/// Interpolation errs alike along all creases that a pair of scans shares (chord_errors.h), which patches do
+/// not show either: for each scan on each other one, the motion that its chords alone would make is added as
+/// an error of its own.
 struct PoseCovariance {
-  Eigen::MatrixXd moves;   ///< d_p of every patch, 6 n rows.
-  Eigen::MatrixXd common;  ///< What the prior's own error and the offsets of edges add, 6 n x 6 n.
+  Eigen::MatrixXd moves;        ///< d_p of every patch, 6 n rows.
+  Eigen::MatrixXd independent;  ///< What independent pixels would leave, 6 n x 6 n.
+  double correlation = 1;  ///< How many times that the patches show, in the mean of scans and directions.
+  Eigen::MatrixXd common;  ///< What the prior's own error, offsets of edges, and chords add, 6 n x 6 n.
   double patch_mm = 0;
   Matrix6d of(size_t scan) const;  ///< Errors of one scan against scan 0.
 };
 
+/// `chords`: chord_errors() of every slot.
 PoseCovariance pose_covariance(const JointProblem& problem, const Pairs& pairs,
                                const std::vector<PairSum>& sums,
-                               const std::vector<std::vector<BlockSum>>& blocks, const EdgeEvidence& edges);
+                               const std::vector<std::vector<BlockSum>>& blocks, const EdgeEvidence& edges,
+                               const std::vector<Vector6d>& chords);
 
 }  // namespace gantry::internal

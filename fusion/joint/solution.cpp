@@ -1,10 +1,13 @@
 #include "joint/solution.h"
 
+#include <tbb/parallel_for.h>
+
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 
+#include "joint/chord_errors.h"
 #include "joint/leave_out.h"
 #include "joint/words.h"
 
@@ -92,6 +95,20 @@ double uncertain_mm(const Attempt& attempt) {
   return std::max(kUncertain_mm, kUncertainInSigmas * attempt.sigma_mm);
 }
 
+/// For each slot: of every pair, the second scan on the first, and the first on the second.
+std::vector<Vector6d> chords_of(const JointProblem& problem, const Pairs& pairs, const Poses& poses,
+                                const MatchGates& gates) {
+  std::vector<Vector6d> chords(2 * pairs.size());
+  tbb::parallel_for(size_t{0}, chords.size(), [&](size_t slot) {
+    const auto& [a, b] = pairs[slot / 2];
+    const size_t target = slot % 2 == 0 ? a : b, source = slot % 2 == 0 ? b : a;
+    chords[slot] =
+        chord_errors(problem.scans[target], problem.scans[source], poses[target].inverse() * poses[source],
+                     poses[target], problem.centre, gates);
+  });
+  return chords;
+}
+
 std::vector<Matrix6d> covariances(const PoseCovariance& covariance, const Pose& gauge, size_t scans) {
   Matrix6d turn = Matrix6d::Zero();
   turn.topLeftCorner<3, 3>() = gauge.linear();
@@ -136,8 +153,9 @@ Solution solve_finely(const JointProblem& problem, const Attempt& attempt) {
   solution.edges = edges.model;
   solution.gauge = problem.scans[0].part_from_grid() * poses[0].inverse();
   solution.from_tags = problem.tag_prior.chi_square(errors_of_tags(problem, poses));
+  std::vector<Vector6d> chords = chords_of(problem, pairs, poses, gates);
   solution.covariance =
-      covariances(pose_covariance(problem, pairs, solution.sums, blocks, edges), solution.gauge, n);
+      covariances(pose_covariance(problem, pairs, solution.sums, blocks, edges, chords), solution.gauge, n);
   const Pairs& others = attempt.evidence.pairs_of_left_out;
   if (attempt.left_out_count() == 0) return solution;
 
@@ -154,10 +172,11 @@ Solution solve_finely(const JointProblem& problem, const Attempt& attempt) {
   append(solution.pairs, others);
   append(solution.sums, its_sums);
   append(blocks, its_blocks);
+  append(chords, chords_of(problem, others, poses, gates));
   append(edges.hessians, its_edges.hessians);
   append(edges.by_break, its_edges.by_break);
-  const std::vector<Matrix6d> with_all =
-      covariances(pose_covariance(problem, solution.pairs, solution.sums, blocks, edges), solution.gauge, n);
+  const std::vector<Matrix6d> with_all = covariances(
+      pose_covariance(problem, solution.pairs, solution.sums, blocks, edges, chords), solution.gauge, n);
   const TagPrior::ChiSquare from_tags = problem.tag_prior.chi_square(errors_of_tags(problem, poses));
   for (size_t i = 0; i < n; ++i) {
     if (attempt.left_out[i].empty()) continue;

@@ -229,6 +229,21 @@ TEST(Sensor, MixedPixelsLieBesideDepthStepsAndBetweenTheirSurfaces) {
               0.01);
 }
 
+TEST(Sensor, ASurfaceSeenAtASlantHasNoMixedPixels) {
+  SensorModel m = ideal_sensor(200, 120);
+  m.mixed_pixel_probability = 1;
+  m.mixed_pixel_step_mm = 0.5;
+  // From pixel to pixel it falls by 1.7 mm of a pitch, three times the step.
+  TriangleMesh slant = plate(100, 60, 500);
+  for (auto& v : slant.vertices) v.z() += 1.2f * v.x();
+  const Scan scan = trace(m, slant, 5);
+  ASSERT_GT(scan.valid_count(), 3000u);
+  for (size_t i = 0; i < scan.points.size(); ++i) {
+    if (!scan.valid(i)) continue;
+    EXPECT_NEAR(scan.points[i].z() - 1.2f * scan.points[i].x(), 500, 0.01);
+  }
+}
+
 TEST(Sensor, PixelsDropOutAsOftenAsStated) {
   SensorModel m = ideal_sensor(200, 150);
   for (const double p : {0.0, 0.002, 0.1, 1.0}) {

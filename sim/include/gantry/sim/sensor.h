@@ -25,7 +25,8 @@ struct SensorModel {
   double max_incidence_rad = 1.3963;  ///< 80 degrees: beyond it nothing is measured.
   /// Pixels next to a depth step see both surfaces; with this probability they report a range in between.
   double mixed_pixel_probability = 0.3;
-  double mixed_pixel_step_mm = 1.0;    ///< Ranges of neighbours further apart than this make a depth step.
+  /// A depth step: what neighbours hit lies further than this, along the ray, off each other's tangent plane.
+  double mixed_pixel_step_mm = 1.0;
   double dropout_probability = 0.002;  ///< Of any pixel; rises to 1 between 60 degrees and max_incidence.
 
   double focal_x_px() const;
