@@ -66,12 +66,15 @@ std::string covariance_coverage(Bench& bench) {
                short_number(t.dmax_median_mm) + " (" + short_number(t.dmax_worst_mm) + ")",
                text("%zu", left_out)});
   }
-  return text("## Is the stated covariance true?\n"
-              "Method joint, %zu runs a part with fresh noise and initial poses off by [1,3], eight views, dealt "
-              "over %zu choice(s) of viewpoints. An honest covariance has 95 %% of the scans in the region that "
-              "it calls 95 %% (chi-square, 6 degrees of freedom), and a mean square error of 1 in its own "
-              "units: above 1 it promises too much, below it is too careful.\n\n",
-              bench.options.coverage_runs, bench.options.view_sets) +
+  return text(
+             "## Is the stated covariance true?\n"
+             "Method joint, %zu runs a part with fresh noise and initial poses off by [1,3], eight views, "
+             "dealt "
+             "over %zu choice(s) of viewpoints. An honest covariance has 95 %% of the scans in the region "
+             "that "
+             "it calls 95 %% (chi-square, 6 degrees of freedom), and a mean square error of 1 in its own "
+             "units: above 1 it promises too much, below it is too careful.\n\n",
+             bench.options.coverage_runs, bench.options.view_sets) +
          table.str();
 }
 

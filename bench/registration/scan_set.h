@@ -47,6 +47,7 @@ class ScannedPart {
 
   ScanSet scan(const ScanSettings& settings) const;
   const std::string& name() const { return name_; }
+  const RayScene& scene() const { return scene_; }
 
  private:
   std::string name_;
