@@ -28,6 +28,7 @@ struct RunCommand {
   std::filesystem::path cell, plan, out;
   std::optional<std::filesystem::path> reference, part;
   uint64_t seed = 1;
+  size_t allowed_left_out = 0;
   bool resume = false, json = false;
 };
 
@@ -132,6 +133,7 @@ ExitCode run(const RunCommand& command) {
   Progress progress(stdout_is_terminal() && !command.json);
 
   FusionOptions fusion_options;
+  fusion_options.joint.allowed_left_out = command.allowed_left_out;
   if (reference) {
     const Eigen::AlignedBox3f bounds = reference->bounds();
     const Eigen::Vector3d margin = Eigen::Vector3d::Constant(plan.crop_margin_mm);
@@ -280,6 +282,11 @@ int main(int argc, char** argv) {
   running->add_option("--reference", command.reference, "CAD model of the part (STL, PLY, OBJ; mm)");
   running->add_option("--out", command.out, "Run folder; must be new unless --resume")->required();
   running->add_flag("--resume", command.resume, "Continue an interrupted run in this folder");
+  running
+      ->add_option("--allow-left-out", command.allowed_left_out,
+                   "So many scans may be left out of a result that counts: scans that contradict the others or "
+                   "are not held by them; default: none")
+      ->check(CLI::Range(0, 1000));
   running->add_option("--sim-part", command.part, "Mesh that stands in an in-process simulated cell");
   running->add_option("--seed", command.seed, "Seed of an in-process simulated cell")->capture_default_str();
   running->add_flag("--json", command.json, "Print the result as JSON");

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "joint/align_fine.h"
 #include "joint/placement.h"
 
 namespace gantry::internal {

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "joint/align_fine.h"
 #include "joint/words.h"
 
 namespace gantry::internal {

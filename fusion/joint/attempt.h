@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "joint/judgement.h"
+#include "joint/match_memory.h"
 #include "joint/problem.h"
 
 namespace gantry::internal {

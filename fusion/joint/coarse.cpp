@@ -188,16 +188,13 @@ std::vector<size_t> partners_of_last(const CoarseScans& scans, const Poses& part
 void align_coarse(const CoarseScans& scans, const Pairs& pairs, const std::vector<PosePrior>& priors,
                   const Eigen::Vector3d& centre, const CoarseOptions& options, Poses& part_from_grid) {
   const size_t n = scans.levels.size();
-  std::vector<PairSum> sums(2 * pairs.size());
-  const auto ends = [&](size_t slot) {
-    const auto& [a, b] = pairs[slot / 2];
-    return slot % 2 == 0 ? std::pair{a, b} : std::pair{b, a};
-  };
+  const Slots slots{pairs};
+  std::vector<PairSum> sums(slots.count());
   double scale = options.start_mm, angle = options.start_angle_rad;
   for (int at_end = 0; at_end < options.extra_iterations;) {
     const Gates gates{scale, 3 * scale, static_cast<float>(std::cos(angle))};
     tbb::parallel_for(size_t{0}, sums.size(), [&](size_t slot) {
-      const auto [target, source] = ends(slot);
+      const size_t target = slots.target(slot), source = slots.source(slot);
       if (!options.fixed.empty() && options.fixed[target] && options.fixed[source]) return;
       sums[slot] = match_pair(*scans.levels[target], *scans.rays[target], *scans.levels[source],
                               options.samples, part_from_grid[target].inverse() * part_from_grid[source],
@@ -205,7 +202,7 @@ void align_coarse(const CoarseScans& scans, const Pairs& pairs, const std::vecto
     });
     NormalEquations equations(n);
     for (size_t slot = 0; slot < sums.size(); ++slot) {
-      const auto [target, source] = ends(slot);
+      const size_t target = slots.target(slot), source = slots.source(slot);
       if (sums[slot].matches > 0) equations.add_pair(target, source, sums[slot], 1 / (scale * scale));
     }
     for (size_t i = 0; i < n; ++i) {

@@ -19,6 +19,16 @@ struct CoarseScans {
 using Poses = std::vector<Pose>;                       ///< part_from_grid of every scan.
 using Pairs = std::vector<std::pair<size_t, size_t>>;  ///< Unordered pairs, first < second.
 
+/// Both ways of each pair, in the order in which all lists of sums have them: the second scan of pairs[k] on
+/// the first at 2k, the first on the second at 2k + 1.
+struct Slots {
+  const Pairs& pairs;
+
+  size_t count() const { return 2 * pairs.size(); }
+  size_t target(size_t slot) const { return slot % 2 == 0 ? pairs[slot / 2].first : pairs[slot / 2].second; }
+  size_t source(size_t slot) const { return slot % 2 == 0 ? pairs[slot / 2].second : pairs[slot / 2].first; }
+};
+
 struct WeighedPair {
   size_t a, b;
   size_t weight;  ///< How much they have in common; 0: nothing.

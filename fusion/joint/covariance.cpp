@@ -66,6 +66,7 @@ PoseCovariance pose_covariance(const JointProblem& problem, const Pairs& pairs,
                                const std::vector<Vector6d>& chords) {
   const size_t n = problem.size();
   const auto dimension = static_cast<Eigen::Index>(6 * n);
+  const Slots slots{pairs};
   PoseCovariance result;
   int window = 0;
   for (const RangeSurface& s : problem.scans) window = std::max(window, 2 * s.normal_window_px + 1);
@@ -88,18 +89,16 @@ PoseCovariance pose_covariance(const JointProblem& problem, const Pairs& pairs,
   NormalEquations equations(n);
   double cost = 0, weight = 0;
   for (size_t slot = 0; slot < sums.size(); ++slot) {
-    const auto& [a, b] = pairs[slot / 2];
-    equations.add_pair(slot % 2 == 0 ? a : b, slot % 2 == 0 ? b : a, sums[slot]);
+    equations.add_pair(slots.target(slot), slots.source(slot), sums[slot]);
     cost += sums[slot].cost;
     weight += sums[slot].weight;
   }
   const Eigen::MatrixXd of_surfaces = equations.hessian();
   NormalEquations of_edges(n);
   for (size_t slot = 0; slot < edges.hessians.size(); ++slot) {
-    const auto& [a, b] = pairs[slot / 2];
     PairSum sum;
     sum.hessian = edges.hessians[slot];
-    of_edges.add_pair(slot % 2 == 0 ? a : b, slot % 2 == 0 ? b : a, sum);
+    of_edges.add_pair(slots.target(slot), slots.source(slot), sum);
   }
   const Eigen::VectorXd mixed = by_break(problem, pairs, edges);
   of_edges.eliminate(mixed, edges.break_hessian, 0);
@@ -123,8 +122,8 @@ PoseCovariance pose_covariance(const JointProblem& problem, const Pairs& pairs,
   tbb::parallel_for(size_t{0}, order.size(), [&](size_t p) {
     std::vector<size_t> scans;
     for (const auto& [slot, sum] : *order[p]) {
-      scans.push_back(pairs[slot / 2].first);
-      scans.push_back(pairs[slot / 2].second);
+      scans.push_back(slots.target(slot));
+      scans.push_back(slots.source(slot));
     }
     std::sort(scans.begin(), scans.end());
     scans.erase(std::unique(scans.begin(), scans.end()), scans.end());
@@ -133,8 +132,7 @@ PoseCovariance pose_covariance(const JointProblem& problem, const Pairs& pairs,
     };
     NormalEquations its(scans.size());
     for (const auto& [slot, sum] : *order[p]) {
-      const auto& [a, b] = pairs[slot / 2];
-      its.add_pair(place(slot % 2 == 0 ? a : b), place(slot % 2 == 0 ? b : a), sum, 1);
+      its.add_pair(place(slots.target(slot)), place(slots.source(slot)), sum, 1);
     }
     const auto size = static_cast<Eigen::Index>(6 * scans.size());
     const Eigen::MatrixXd part = unit.head(size).asDiagonal() * its.hessian() * unit.head(size).asDiagonal();
@@ -150,10 +148,10 @@ PoseCovariance pose_covariance(const JointProblem& problem, const Pairs& pairs,
   // Edges are weighed by what is known of their errors, so that they count as any other prior.
   result.common += inverse * (variance * of_edges.hessian()) * inverse;
   for (size_t slot = 0; slot < chords.size(); ++slot) {
-    const auto a = static_cast<Eigen::Index>(6 * pairs[slot / 2].first),
-               b = static_cast<Eigen::Index>(6 * pairs[slot / 2].second);
-    // Target and source, whichever is which: the sign is the same for all of it.
-    const Eigen::VectorXd moved = (inverse.middleCols<6>(a) - inverse.middleCols<6>(b)) * chords[slot];
+    const auto target = static_cast<Eigen::Index>(6 * slots.target(slot)),
+               source = static_cast<Eigen::Index>(6 * slots.source(slot));
+    const Eigen::VectorXd moved =
+        (inverse.middleCols<6>(source) - inverse.middleCols<6>(target)) * chords[slot];
     result.common += moved * moved.transpose();
   }
   result.independent = inverse * (variance * of_surfaces) * inverse;

@@ -2,6 +2,7 @@
 
 #include <vector>
 
+#include "joint/edge_evidence.h"
 #include "joint/problem.h"
 
 namespace gantry::internal {

@@ -8,6 +8,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "joint/align_fine.h"
+
 namespace gantry::internal {
 namespace {
 

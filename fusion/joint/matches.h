@@ -39,17 +39,6 @@ struct BlockSum {
   Eigen::Matrix<float, 6, 6> hessian;
 };
 
-/// What a round of matching saw of edges.
-struct EdgeEvidence {
-  EdgeModel model;  ///< As these matches show.
-  /// For each slot, what edges and faces have added to PairSum::hessian.
-  std::vector<Matrix6d> hessians;
-  /// The normal equations of EdgeModel::break_mm, which is one more unknown: for each slot its mixed
-  /// derivative with the error of the source; its own derivatives.
-  std::vector<Vector6d> by_break;
-  double break_hessian = 1, break_gradient = 0;
-};
-
 /// Which blocks of 16 x 16 pixels of a source have matches in a target, row by row of blocks: once poses
 /// hardly move any more, the others need not be visited again.
 struct ActiveBlocks {

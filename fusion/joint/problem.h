@@ -7,7 +7,6 @@
 #include "gantry/fusion/range_surface.h"
 #include "joint/coarse.h"
 #include "joint/edge_matches.h"
-#include "joint/match_memory.h"
 #include "joint/matches.h"
 #include "joint/normal_equations.h"
 #include "joint/tag_prior.h"
@@ -52,55 +51,13 @@ struct JointProblem {
 /// connect what can be connected.
 Pairs pairs_with_overlap(const JointProblem& problem, const Poses& poses, double tolerance_mm);
 
-/// One round of matching over `pairs`, surfaces and edges, both ways: sums for (target, source) of pairs[k]
-/// at 2k, the other way round at 2k + 1. Edges count as much as their scatter allows: in a part that surfaces
-/// hold in all directions they hardly matter, on a plate they are what keeps it from sliding. The sums'
-/// weights and costs are those of surfaces alone. `blocks` (optional): those of surfaces, block by block for
-/// each. `active` (optional, strides up to 4): filled when empty, used when not. `memory` (optional, not
-/// together with blocks): pairs that have not moved since are not matched again.
-std::vector<PairSum> match_all(const JointProblem& problem, const Pairs& pairs, const Poses& poses,
-                               const MatchGates& gates, std::vector<std::vector<BlockSum>>* blocks = nullptr,
-                               std::vector<ActiveBlocks>* active = nullptr,
-                               EdgeEvidence* edge_evidence = nullptr, MatchMemory* memory = nullptr);
-
 /// How far each pose is from its tag: errors about the centre, 6 rows a scan.
 Eigen::VectorXd errors_of_tags(const JointProblem& problem, const Poses& poses);
-
-NormalEquations equations_of(const JointProblem& problem, const Pairs& pairs, const Poses& poses,
-                             const std::vector<PairSum>& sums, const EdgeEvidence& edges, double sigma_mm);
-
-/// EdgeEvidence::by_break of all scans, 6 rows each.
-Eigen::VectorXd by_break(const JointProblem& problem, const Pairs& pairs, const EdgeEvidence& edges);
-
-/// EdgeModel::break_mm once this step has been applied to the poses at which the edges were matched.
-double broken_after(const JointProblem& problem, const Pairs& pairs, const EdgeEvidence& edges,
-                    const Eigen::VectorXd& step);
 
 /// Applies a step to all poses; returns the largest displacement of any scan, at the part's radius.
 double apply_step(const JointProblem& problem, const Eigen::VectorXd& step, Poses& poses);
 
 /// How far two sets of poses put the scans apart, at the part's radius, once scan 0 lies at the same place.
 double difference_mm(const JointProblem& problem, const Poses& a, const Poses& b);
-
-struct FineOptions {
-  double start_mm = 1;    ///< Robust scale at the beginning.
-  size_t samples = 5000;  ///< Of a scan, about; fewer where there are many.
-  int max_rounds = 30;
-  EdgeModel edges = {};  ///< Scatter of 0: as seen once the robust scale has shrunk.
-  /// Used and brought up to date where there are many scans; null: nothing is remembered from earlier.
-  MatchMemory* memory = nullptr;
-};
-
-struct FineResult {
-  double sigma_mm = 0;  ///< Robust standard deviation of the residuals.
-  EdgeModel edges;
-  double step_mm = 0;  ///< Of the last round.
-  int rounds = 0;
-};
-
-/// Gauss-Newton with matches by projection; robust scale from the start down to three sigma of the
-/// residuals. `active` as in match_all.
-FineResult align_fine(const JointProblem& problem, const Pairs& pairs, const FineOptions& options,
-                      Poses& poses, std::vector<ActiveBlocks>* active = nullptr);
 
 }  // namespace gantry::internal

@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "joint/align_fine.h"
 #include "joint/chord_errors.h"
 #include "joint/leave_out.h"
 #include "joint/words.h"
@@ -98,10 +99,10 @@ double uncertain_mm(const Attempt& attempt) {
 /// For each slot: of every pair, the second scan on the first, and the first on the second.
 std::vector<Vector6d> chords_of(const JointProblem& problem, const Pairs& pairs, const Poses& poses,
                                 const MatchGates& gates) {
-  std::vector<Vector6d> chords(2 * pairs.size());
+  const Slots slots{pairs};
+  std::vector<Vector6d> chords(slots.count());
   tbb::parallel_for(size_t{0}, chords.size(), [&](size_t slot) {
-    const auto& [a, b] = pairs[slot / 2];
-    const size_t target = slot % 2 == 0 ? a : b, source = slot % 2 == 0 ? b : a;
+    const size_t target = slots.target(slot), source = slots.source(slot);
     chords[slot] =
         chord_errors(problem.scans[target], problem.scans[source], poses[target].inverse() * poses[source],
                      poses[target], problem.centre, gates);
