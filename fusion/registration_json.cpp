@@ -23,7 +23,7 @@ nlohmann::json rows(const Eigen::MatrixXd& m) {
   return out;
 }
 
-nlohmann::json scan_json(const ScanResult& scan, const ScanReport* report) {
+nlohmann::json scan_json(const ScanResult& scan, const ScanReport* report, bool joint) {
   nlohmann::json json = {{"name", scan.name},
                          {"world_from_scan", rows(scan.part_from_sensor.mean.matrix())},
                          {"covariance", rows(scan.part_from_sensor.covariance())},
@@ -46,8 +46,9 @@ nlohmann::json scan_json(const ScanResult& scan, const ScanReport* report) {
   json["matches_rms_mm"] = report->rms_mm;
   json["free_space_violation"] = report->free_space_violation;
   json["opposite_contact"] = report->opposite_contact;
-  json["prior_chi_square"] = report->prior_chi_square;
-  json["leave_one_out_mm"] = report->leave_one_out_mm;
+  // A 0 of a method without such a test would look like a perfect score.
+  json["prior_chi_square"] = joint ? nlohmann::json(report->prior_chi_square) : nlohmann::json();
+  json["leave_one_out_mm"] = joint ? nlohmann::json(report->leave_one_out_mm) : nlohmann::json();
   return json;
 }
 
@@ -80,15 +81,14 @@ void write_registration(const std::filesystem::path& folder, const FusionResult&
     if (!scan.left_out.empty()) json["left_out"].push_back(scan.name);
   json["converged"] = registration.converged;
   json["iterations"] = registration.iterations;
-  // Only method "joint" has this test: a 0 from others would look like a perfect score.
-  json["wobble_mm"] =
-      result.method == RegistrationMethod::kJoint ? nlohmann::json(registration.wobble_mm) : nlohmann::json();
-  json["shared_chi_square"] = registration.shared_chi_square;
+  const bool joint = result.method == RegistrationMethod::kJoint;
+  json["wobble_mm"] = joint ? nlohmann::json(registration.wobble_mm) : nlohmann::json();
+  json["shared_chi_square"] = joint ? nlohmann::json(registration.shared_chi_square) : nlohmann::json();
   std::vector<Pose> poses;
   for (size_t i = 0; i < result.scans.size(); ++i) {
     poses.push_back(result.scans[i].part_from_sensor.mean);
     json["scans"].push_back(
-        scan_json(result.scans[i], i < registration.scans.size() ? &registration.scans[i] : nullptr));
+        scan_json(result.scans[i], i < registration.scans.size() ? &registration.scans[i] : nullptr, joint));
   }
   json["edges"] = nlohmann::json::array();
   for (const PairReport& pair : registration.pairs) json["edges"].push_back(edge_json(pair));
@@ -119,8 +119,10 @@ void write_registration(const std::filesystem::path& folder, const FusionResult&
   rusage usage{};
   getrusage(RUSAGE_SELF, &usage);
   json["peak_memory_mb"] = static_cast<double>(usage.ru_maxrss) / 1024.0;
+  // Names of files need not be UTF-8, which JSON is.
+  const std::string text = json.dump(2, ' ', false, nlohmann::json::error_handler_t::replace);
   std::ofstream file(folder / "registration.json");
-  file << json.dump(2) << "\n";
+  file << text << "\n";
   if (!file.flush()) throw InputError((folder / "registration.json").string() + ": cannot be written");
 }
 

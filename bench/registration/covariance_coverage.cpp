@@ -28,7 +28,7 @@ std::vector<double> normalised_squares(const ScanSet& set, const RunRecord& run)
 
 std::string covariance_coverage(Bench& bench) {
   Table table({"part", "runs", "scans", "in the 95 % region", "mean square / 6", "dmax mm, median (worst)",
-               "not solved or undecided"});
+               "undecided"});
   for (const std::string part : {"bunny", "bracket", "slim-lever", "prismatic-block"}) {
     if (!bench.options.has_part(part)) continue;
     const ScannedPart scanned(part, bench.options.bunny);
@@ -48,7 +48,8 @@ std::string covariance_coverage(Bench& bench) {
       run.method = "joint";
       run.label = "fresh noise";
       run.draw = r;
-      if (run.error.success() && run.reason.empty()) {
+      // A false success counts: there the stated covariance lies most.
+      if (run.reason.empty()) {
         for (const double square : normalised_squares(set, run)) {
           ++scans;
           inside += square < kChiSquare95;

@@ -52,7 +52,7 @@ std::string short_number(double value) {
   if (value == 0) return "0";
   if (std::abs(value) < 1e-3) {
     std::string s = text("%.1e", value);  // 1.3e-04
-    s.erase(s.find("e-0") + 2, 1);
+    if (const size_t at = s.find("e-0"); at != std::string::npos) s.erase(at + 2, 1);
     return s;
   }
   if (std::abs(value) >= 10) return text("%.0f", value);

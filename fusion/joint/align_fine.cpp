@@ -33,6 +33,7 @@ FineResult align_fine(const JointProblem& problem, const Pairs& pairs, const Fin
   gates.stride = std::max(1, static_cast<int>(std::lround(std::sqrt(
                                  static_cast<double>(usable) /
                                  static_cast<double>(problem.size() * problem.samples(options.samples))))));
+  if (active) gates.stride = std::min(gates.stride, 4);
   gates.normal_variance = problem.normal_variance;
   gates.edges = options.edges;
   FineResult result;
@@ -42,7 +43,7 @@ FineResult align_fine(const JointProblem& problem, const Pairs& pairs, const Fin
   bool at_end = false;
   MatchMemory own;
   MatchMemory* memory = !problem.many() ? nullptr : options.memory ? options.memory : &own;
-  for (result.rounds = 0; result.rounds < options.max_rounds; ++result.rounds) {
+  for (int round = 0; round < options.max_rounds; ++round) {
     gates.scale_mm = scale;
     gates.reach_mm = 3 * scale;
     gates.max_angle_rad = at_end ? 0.35 : 0.5236;
@@ -62,9 +63,9 @@ FineResult align_fine(const JointProblem& problem, const Pairs& pairs, const Fin
     if (!(weight > 0)) break;
     result.sigma_mm = std::max(std::sqrt(cost / weight), 0.1 * problem.noise_mm);
     const Eigen::VectorXd step = equations_of(problem, pairs, poses, sums, edges, result.sigma_mm).solve();
-    result.step_mm = apply_step(problem, step, poses);
+    const double step_mm = apply_step(problem, step, poses);
     result.edges.break_mm = gates.edges.break_mm = broken_after(problem, pairs, edges, step);
-    if (at_end && result.step_mm < 0.02 * problem.noise_mm) break;
+    if (at_end && step_mm < 0.02 * problem.noise_mm) break;
     const double goal = std::max(least, 3 * result.sigma_mm);
     if (scale <= goal * 1.0001) at_end = true;
     scale = std::min(scale, std::max(goal, kShrink * scale));

@@ -21,8 +21,6 @@ struct FineOptions {
 struct FineResult {
   double sigma_mm = 0;  ///< Robust standard deviation of the residuals.
   EdgeModel edges;
-  double step_mm = 0;  ///< Of the last round.
-  int rounds = 0;
 };
 
 /// Gauss-Newton with matches by projection; robust scale from the start down to three sigma of the

@@ -21,13 +21,19 @@ class Slopes {
   Eigen::Vector2f at(int column, int row) const {
     const size_t i = s_.index(column, row);
     const Eigen::Vector3f n = unpack_normal(s_.normals[i]);
-    const Eigen::Vector2f ray =
-        to_ray_ * Eigen::Vector3f(1, static_cast<float>(column), static_cast<float>(row));
+    Eigen::Vector2f ray = to_ray_ * Eigen::Vector3f(1, static_cast<float>(column), static_cast<float>(row));
+    Eigen::Matrix2f ray_by_pixel = to_ray_.rightCols<2>();
+    if (s_.rays.distorted) {
+      const Eigen::Vector2d here = s_.rays.ray(column, row);
+      ray = here.cast<float>();
+      ray_by_pixel.col(0) = (s_.rays.ray(column + 1, row) - here).cast<float>();
+      ray_by_pixel.col(1) = (s_.rays.ray(column, row + 1) - here).cast<float>();
+    }
     // 1 = (w - slope . ray) z + slope . (x, y), or z = w + slope . (x, y)
     const Eigen::Vector2f per_ray = s_.rays.central
-                                        ? (n.head<2>() * (s_.w[i] / n.dot(ray.homogeneous()))).eval()
-                                        : (-n.head<2>() / n.z()).eval();
-    return to_ray_.rightCols<2>().transpose() * per_ray;
+                                        ? Eigen::Vector2f(n.head<2>() * (s_.w[i] / n.dot(ray.homogeneous())))
+                                        : Eigen::Vector2f(-n.head<2>() / n.z());
+    return ray_by_pixel.transpose() * per_ray;
   }
 
  private:

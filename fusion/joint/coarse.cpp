@@ -205,10 +205,10 @@ void align_coarse(const CoarseScans& scans, const Pairs& pairs, const std::vecto
       const size_t target = slots.target(slot), source = slots.source(slot);
       if (sums[slot].matches > 0) equations.add_pair(target, source, sums[slot], 1 / (scale * scale));
     }
+    const double immovable = 1e6 * equations.hessian().diagonal().maxCoeff();
     for (size_t i = 0; i < n; ++i) {
       if (!options.fixed.empty() && options.fixed[i]) {
-        equations.add_prior(i, 1e6 * Matrix6d::Identity() * equations.hessian().diagonal().maxCoeff(),
-                            Vector6d::Zero());
+        equations.add_prior(i, immovable * Matrix6d::Identity(), Vector6d::Zero());
         continue;
       }
       equations.add_prior(i, priors[i].information,

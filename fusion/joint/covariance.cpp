@@ -18,6 +18,9 @@ constexpr double kLeastPatch_px = 64;
 /// One more than the dimensions: so few patches say nothing of a covariance's shape.
 constexpr double kFewPatches = 7;
 
+/// Of the least that the prior knows: enough against rounding, and too little to be taken for knowledge.
+constexpr double kLeast = 1e-3;
+
 using PatchKey = std::array<int, 3>;
 
 /// Covariance of a scan's errors against scan 0's.
@@ -85,7 +88,7 @@ PoseCovariance pose_covariance(const JointProblem& problem, const Pairs& pairs,
       sum.gradient += block.gradient.cast<double>();
     }
   }
-  // Weights are 1 at the centre of the loss; the prior is scaled to match.
+  // All information here is in units of one over the variance of a surface's residual, as the sums have it.
   NormalEquations equations(n);
   double cost = 0, weight = 0;
   for (size_t slot = 0; slot < sums.size(); ++slot) {
@@ -93,13 +96,13 @@ PoseCovariance pose_covariance(const JointProblem& problem, const Pairs& pairs,
     cost += sums[slot].cost;
     weight += sums[slot].weight;
   }
-  const Eigen::MatrixXd of_surfaces = equations.hessian();
   NormalEquations of_edges(n);
   for (size_t slot = 0; slot < edges.hessians.size(); ++slot) {
     PairSum sum;
     sum.hessian = edges.hessians[slot];
     of_edges.add_pair(slots.target(slot), slots.source(slot), sum);
   }
+  const Eigen::MatrixXd of_surfaces = equations.hessian() - of_edges.hessian();
   const Eigen::VectorXd mixed = by_break(problem, pairs, edges);
   of_edges.eliminate(mixed, edges.break_hessian, 0);
   equations.eliminate(mixed, edges.break_hessian, 0);
@@ -110,7 +113,7 @@ PoseCovariance pose_covariance(const JointProblem& problem, const Pairs& pairs,
   // or less, the data say nothing: such directions are given the widest uncertainty that the prior allows.
   Eigen::VectorXd unit(dimension);
   for (Eigen::Index k = 0; k < dimension; ++k) unit[k] = k % 6 < 3 ? 1 / problem.radius_mm : 1;
-  const double least = variance * std::max(problem.tag_prior.weakest(unit.head<6>()), 1e-9);
+  const double least = variance * std::max(kLeast * problem.tag_prior.weakest(unit.head<6>()), 1e-9);
   Eigen::MatrixXd all = unit.asDiagonal() * equations.hessian() * unit.asDiagonal();
   all.diagonal().array() += least;
   const LeaveOut leave_out(all);

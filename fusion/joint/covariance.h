@@ -19,10 +19,10 @@ namespace gantry::internal {
 /// model's errors as they are, and knows when a few patches alone hold a direction. H is the second
 /// derivative of the robust costs, without what noise in the normals pretends to know (normal_equations.h).
 ///
-/// Edges err alike wherever a scan sees them (pixels at the border are lost; rounded edges end elsewhere when
-/// seen from elsewhere), which no patch can show: all edges of a scan standing out by a common offset, with
-/// the standard deviation by which edges scatter, adds its own part for each scan. Around a closed outline
-/// such offsets cancel.
+/// What edges say is no such sum: it enters as information of which the errors are known (edge_evidence.h).
+/// They scatter about a mean that all edges of one direction in a pair of scans have in common, and these
+/// about one of the pair, because edges look different from different sides; both means are unknowns that are
+/// taken out. Around a closed outline such offsets cancel.
 ///
 /// A sum over few patches is itself uncertain, and with less than seven of them in effect (Satterthwaite)
 /// says nothing of six directions at once. With nu in effect a share of 7 / nu of it is therefore replaced by

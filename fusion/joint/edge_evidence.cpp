@@ -59,10 +59,10 @@ PairSum weighed(const EdgeSums& sums, const EdgeModel::Scatter& scatter, double 
   PairSum pair;
   for (PairSum one : sums) {
     if (!(one.weight > 0)) continue;
-    one.take_out_tilts();
+    const Matrix6d factor = one.take_out_tilts();
     one.hessian *= each;
     one.gradient *= each;
-    one.directions *= each;
+    one.directions = each * factor * one.directions;
     one.offset *= each;
     one.weight *= each;
     marginalise(one, scatter.offset_mm);

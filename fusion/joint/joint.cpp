@@ -101,9 +101,9 @@ bool far_from_tags(const JointProblem& problem, const Attempt& attempt) {
   return *std::max_element(own.begin(), own.end()) > kUnlikely;
 }
 
-/// Judges the best arrangements of all scans until one is believed, and objects to that when another one that
-/// is as good is believed as well.
-void try_arrangements(const JointProblem& problem, const Poses& tagged, std::vector<Attempt>& attempts) {
+/// Judges the best arrangements of all scans until one is believed, which is the last attempt then. True when
+/// another one that is as good is believed as well: that is objected to, and no other attempt can heal it.
+bool try_arrangements(const JointProblem& problem, const Poses& tagged, std::vector<Attempt>& attempts) {
   const std::vector<Arrangement> arrangements = search_arrangements(problem, tagged, kArrangements);
   size_t believed = arrangements.size();
   for (size_t k = 0; k < arrangements.size(); ++k) {
@@ -117,19 +117,26 @@ void try_arrangements(const JointProblem& problem, const Poses& tagged, std::vec
       if (otherwise.empty()) continue;
       attempts.back().objection = "the result is ambiguous: these scans fit as well in another place: " +
                                   names_of(problem, otherwise);
-      break;
+      return true;
     }
     if (next.objection.empty()) believed = k;
     attempts.push_back(std::move(next));
   }
+  return false;
 }
 
+/// The attempt whose outcome counts, believed or not, and of how many.
+struct Outcome {
+  Attempt best;
+  size_t attempts;
+};
+
 /// From the cheapest way to the most thorough; the first outcome that is believed ends the search.
-std::vector<Attempt> search(const JointProblem& problem, const JointOptions& options, double start_mm) {
+Outcome search(const JointProblem& problem, const JointOptions& options, double start_mm) {
   Poses tagged;
   for (const RangeSurface& s : problem.scans) tagged.push_back(s.part_from_grid());
   std::vector<Attempt> attempts;
-  if (problem.size() == 1) return {attempt_at(problem, "one scan is its own result", tagged)};
+  if (problem.size() == 1) return {attempt_at(problem, "one scan is its own result", tagged), 1};
   const auto attempt = [&](const char* way, double fine_start_mm, auto&& find_poses) {
     if (!attempts.empty() && attempts.back().objection.empty()) return;
     Attempt a = attempt_at(problem, way, tagged);
@@ -153,8 +160,9 @@ std::vector<Attempt> search(const JointProblem& problem, const JointOptions& opt
   });
   const size_t from_tags = attempts.size();
   if (problem.size() <= kFew &&
-      (!attempts.back().objection.empty() || far_from_tags(problem, attempts.back())))
-    try_arrangements(problem, tagged, attempts);
+      (!attempts.back().objection.empty() || far_from_tags(problem, attempts.back())) &&
+      try_arrangements(problem, tagged, attempts))
+    return {std::move(attempts.back()), attempts.size()};
   const auto recovered = [&](bool doubt_violators) {
     return [&, doubt_violators](Poses& poses) {
       const Attempt& before = least_violating(attempts);
@@ -166,7 +174,7 @@ std::vector<Attempt> search(const JointProblem& problem, const JointOptions& opt
     attempt("scan by scan from many starts", problem.fine_start_mm(), recovered(false));
     attempt("scan by scan from many starts, violators first", problem.fine_start_mm(), recovered(true));
   }
-  if (attempts.back().objection.empty()) return attempts;
+  if (attempts.back().objection.empty()) return {std::move(attempts.back()), attempts.size()};
   // A scan of something else has pulled at its neighbours: from the tags on as if the worst were not there.
   Attempt rest = least_violating(std::span(attempts).first(from_tags));
   while (!rest.objection.empty() && !problem.many() &&
@@ -182,8 +190,10 @@ std::vector<Attempt> search(const JointProblem& problem, const JointOptions& opt
     refine_and_judge(problem, problem.fine_start_mm(), next);
     rest = std::move(next);
   }
-  if (rest.objection.empty()) attempts.push_back(std::move(rest));
-  return attempts;
+  if (rest.objection.empty()) return {std::move(rest), attempts.size() + 1};
+  Attempt& best = least_suspicious(problem, attempts);
+  leave_out_suspicious(problem, best);
+  return {std::move(best), attempts.size()};
 }
 
 }  // namespace
@@ -194,13 +204,10 @@ Registration register_joint(std::span<const RangeSurface> scans, const JointOpti
   const JointProblem problem = make_problem(scans, options);
   const double start_mm = options.start_mm > 0 ? options.start_mm : std::min(15.0, 3 * tag_sigma_mm(problem));
 
-  std::vector<Attempt> attempts = search(problem, options, start_mm);
-  Attempt& best = attempts.back().objection.empty() ? attempts.back() : least_suspicious(problem, attempts);
-  if (!best.objection.empty()) leave_out_suspicious(problem, best);
-
+  auto [best, attempts] = search(problem, options, start_mm);
   Solution solution = solve_finely(problem, best);
   while (best.objection.empty()) {
-    best.objection = objection_to_all(problem, solution);
+    best.objection = objection_to_all(problem, best, solution);
     const Objections objections = objections_to(problem, best, solution);
     if (objections.empty()) break;
     if (leave_out(problem, objections, best)) {
@@ -222,7 +229,7 @@ Registration register_joint(std::span<const RangeSurface> scans, const JointOpti
     best.objection += "; left out already: " + names_of(problem, without);
   }
   Registration result = report_of(problem, options, start_mm, best, solution);
-  result.iterations = static_cast<int>(attempts.size());
+  result.iterations = static_cast<int>(attempts);
   return result;
 }
 

@@ -11,7 +11,6 @@ namespace gantry::internal {
 struct ScanEvidence {
   Agreement agreement;    ///< With all others, both ways.
   double violation = 0;   ///< Fraction in front of, or through, what others saw.
-  double background = 0;  ///< Fraction where others saw nothing.
   bool connected = true;  ///< Shares surface with scan 0, directly or through others.
 };
 

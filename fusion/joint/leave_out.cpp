@@ -2,11 +2,18 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/LU>
+#include <limits>
 
 namespace gantry::internal {
 
-LeaveOut::LeaveOut(const Eigen::MatrixXd& hessian)
-    : inverse_(hessian.llt().solve(Eigen::MatrixXd::Identity(hessian.rows(), hessian.cols()))) {}
+LeaveOut::LeaveOut(const Eigen::MatrixXd& hessian) {
+  const Eigen::LLT<Eigen::MatrixXd> root(hessian);
+  if (root.info() == Eigen::Success) {
+    inverse_ = root.solve(Eigen::MatrixXd::Identity(hessian.rows(), hessian.cols()));
+  } else {
+    inverse_.setConstant(hessian.rows(), hessian.cols(), std::numeric_limits<double>::quiet_NaN());
+  }
+}
 
 Eigen::VectorXd LeaveOut::solve(const std::vector<size_t>& scans, const Eigen::MatrixXd& part,
                                 const Eigen::VectorXd& b) const {

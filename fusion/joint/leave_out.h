@@ -9,7 +9,7 @@ namespace gantry::internal {
 /// a small system each (Woodbury): what would the poses be without this patch, without this scan?
 class LeaveOut {
  public:
-  /// `hessian` is 6 n x 6 n and positive definite.
+  /// `hessian` is 6 n x 6 n and positive definite; if it is not, all answers are NaN.
   explicit LeaveOut(const Eigen::MatrixXd& hessian);
 
   const Eigen::MatrixXd& inverse() const { return inverse_; }

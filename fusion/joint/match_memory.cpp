@@ -29,6 +29,7 @@ bool MatchMemory::recall(const JointProblem& problem, size_t target, size_t sour
   const double broken_more_mm = gates.edges.break_mm - then.gates.edges.break_mm;
   for (PairSum& face : sums.faces) {
     face.gradient += broken_more_mm * face.directions;
+    face.cost += broken_more_mm * (2 * face.offset + broken_more_mm * face.weight);
     face.offset += broken_more_mm * face.weight;
   }
   sums.surfaces.gradient += sums.surfaces.hessian * motion;

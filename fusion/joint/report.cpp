@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "joint/words.h"
 
@@ -74,7 +75,7 @@ PairReport pair_report(const JointProblem& problem, const Attempt& attempt, cons
   pair.odometry = pair.source == pair.target + 1;
   const Agreement both = attempt.evidence.agreement_of(pair.target, pair.source);
   pair.overlap = static_cast<double>(both.matched) / static_cast<double>(std::max<size_t>(1, both.tested));
-  pair.predicted_overlap = pair.overlap;
+  pair.predicted_overlap = std::numeric_limits<double>::quiet_NaN();
   const PairSum &one = solution.sums[2 * k], &other = solution.sums[2 * k + 1];
   pair.inliers = one.matches + other.matches;
   const double weight = one.weight + other.weight;
@@ -106,7 +107,7 @@ Registration report_of(const JointProblem& problem, const JointOptions& options,
                        const Attempt& attempt, const Solution& solution) {
   Registration result;
   result.way = attempt.way;
-  result.converged = true;
+  result.converged = at_rest(problem, solution);
   result.wobble_mm = attempt.wobble.worst_mm;
   result.shared_chi_square = solution.from_tags.shared;
   result.reason = attempt.objection;

@@ -25,6 +25,12 @@ constexpr double kLeastMotion_mm = 0.02;
 constexpr double kUncertain_mm = 0.15;
 constexpr double kUncertainInSigmas = 2.2;
 
+/// The last of two rounds on all pixels, after many on some, moves hardly anything.
+constexpr double kAtRestInSigmas = 0.2, kAtRest_mm = 0.005;
+
+/// All other limits grow with the residuals, where sensor and model are worse than the noise; this far.
+constexpr double kWorstResidualInSigmas = 10, kWorstResidualInPitches = 2;
+
 constexpr size_t kPolishSamples = 40000;
 
 /// What chi-square exceeds once in a million times (Wilson and Hilferty 1931).
@@ -41,7 +47,10 @@ std::vector<double> leave_one_out(const JointProblem& problem, const Pairs& pair
                                   const std::vector<PairSum>& sums, const EdgeEvidence& edges,
                                   double sigma_mm) {
   std::vector<double> moved(problem.size(), 0);
-  const NormalEquations equations = equations_of(problem, pairs, poses, sums, edges, sigma_mm);
+  // How much edges are broken is held: a scan's part in finding that out could not be taken back out.
+  EdgeEvidence fixed_break = edges;
+  for (Vector6d& mixed : fixed_break.by_break) mixed.setZero();
+  const NormalEquations equations = equations_of(problem, pairs, poses, sums, fixed_break, sigma_mm);
   const Eigen::VectorXd unit = equations.hessian().diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
   Eigen::MatrixXd scaled = unit.asDiagonal() * equations.hessian() * unit.asDiagonal();
   scaled.diagonal().array() += 1e-12;
@@ -142,7 +151,7 @@ Solution solve_finely(const JointProblem& problem, const Attempt& attempt) {
   if (!pairs.empty()) {
     const auto step_by = [&](const std::vector<PairSum>& by) {
       const Eigen::VectorXd step = equations_of(problem, pairs, poses, by, edges, attempt.sigma_mm).solve();
-      apply_step(problem, step, poses);
+      solution.last_step_mm = apply_step(problem, step, poses);
       gates.edges.break_mm = broken_after(problem, pairs, edges, step);
     };
     step_by(match_all(problem, pairs, poses, gates, nullptr, &active, &edges));
@@ -157,14 +166,12 @@ Solution solve_finely(const JointProblem& problem, const Attempt& attempt) {
   std::vector<Vector6d> chords = chords_of(problem, pairs, poses, gates);
   solution.covariance =
       covariances(pose_covariance(problem, pairs, solution.sums, blocks, edges, chords), solution.gauge, n);
-  const Pairs& others = attempt.evidence.pairs_of_left_out;
   if (attempt.left_out_count() == 0) return solution;
 
   // What is left out has been drawn to its tag, where it does not disturb the others: back to where it was.
-  for (const auto& [a, b] : others) {
-    const size_t scan = attempt.left_out[a].empty() ? b : a;
-    poses[scan] = poses[0] * attempt.poses[0].inverse() * attempt.poses[scan];
-  }
+  const Pairs& others = attempt.evidence.pairs_of_left_out;
+  for (size_t i = 0; i < n; ++i)
+    if (!attempt.left_out[i].empty()) poses[i] = poses[0] * attempt.poses[0].inverse() * attempt.poses[i];
   std::vector<std::vector<BlockSum>> its_blocks;
   EdgeEvidence its_edges;
   const std::vector<PairSum> its_sums =
@@ -176,6 +183,7 @@ Solution solve_finely(const JointProblem& problem, const Attempt& attempt) {
   append(chords, chords_of(problem, others, poses, gates));
   append(edges.hessians, its_edges.hessians);
   append(edges.by_break, its_edges.by_break);
+  edges.break_hessian += its_edges.break_hessian;
   const std::vector<Matrix6d> with_all = covariances(
       pose_covariance(problem, solution.pairs, solution.sums, blocks, edges, chords), solution.gauge, n);
   const TagPrior::ChiSquare from_tags = problem.tag_prior.chi_square(errors_of_tags(problem, poses));
@@ -201,21 +209,23 @@ Objections objections_to(const JointProblem& problem, const Attempt& attempt, co
   unit << Eigen::Vector3d::Constant(problem.radius_mm), Eigen::Vector3d::Ones();
   // A scan that pulls at the others makes them look bad, too: the worst one is enough for once.
   const auto pulls = std::max_element(solution.leave_one_out_mm.begin(), solution.leave_one_out_mm.end());
-  if (*pulls > worst_leave_one_out_mm)
+  // All tests are written so that NaN fails them.
+  if (!(*pulls <= worst_leave_one_out_mm))
     return {{static_cast<size_t>(pulls - solution.leave_one_out_mm.begin()),
              text("contradicts the others: without it they would move by %.2f mm (limit %.2f mm)", *pulls,
                   worst_leave_one_out_mm)}};
   Objections far, uncertain;
   for (size_t i = 0; i < problem.size(); ++i) {
     if (!attempt.left_out[i].empty()) continue;
-    if (solution.from_tags.own[i] > worst_prior_chi_square) {
+    if (!(solution.from_tags.own[i] <= worst_prior_chi_square)) {
       far.emplace_back(i, text("ended further from its tagged pose than the tag's covariance allows "
                                "(chi-square %.0f, limit %.0f)",
                                solution.from_tags.own[i], worst_prior_chi_square));
       continue;
     }
     const Matrix6d scaled = unit.asDiagonal() * solution.covariance[i] * unit.asDiagonal();
-    if (Eigen::SelfAdjointEigenSolver<Matrix6d>(scaled).eigenvalues()(5) > std::pow(uncertain_mm(attempt), 2))
+    if (!scaled.allFinite() || !(Eigen::SelfAdjointEigenSolver<Matrix6d>(scaled).eigenvalues()(5) <=
+                                 std::pow(uncertain_mm(attempt), 2)))
       uncertain.emplace_back(i,
                              "is not held well enough: " + observability_of(problem, attempt, solution, i));
   }
@@ -227,7 +237,20 @@ Objections objections_to(const JointProblem& problem, const Attempt& attempt, co
   return far;
 }
 
-std::string objection_to_all(const JointProblem& problem, const Solution& solution) {
+bool at_rest(const JointProblem& problem, const Solution& solution) {
+  return solution.last_step_mm <= std::max(kAtRestInSigmas * problem.noise_mm, kAtRest_mm);
+}
+
+std::string objection_to_all(const JointProblem& problem, const Attempt& attempt, const Solution& solution) {
+  const double most_mm =
+      std::max(kWorstResidualInSigmas * problem.noise_mm, kWorstResidualInPitches * problem.spacing_mm);
+  if (!(attempt.sigma_mm <= most_mm))
+    return text(
+        "the scans do not fit each other: matched surfaces lie %.2g mm apart (one sigma, limit %.2g mm) "
+        "at a noise of %.2g mm; is a scan's scale wrong, or was the part bent between them?",
+        attempt.sigma_mm, most_mm, problem.noise_mm);
+  if (!at_rest(problem, solution))
+    return text("it has not come to rest: the last round moved a scan by %.3g mm", solution.last_step_mm);
   const double worst = chi_square_limit(static_cast<double>(problem.tag_prior.parameters()));
   if (solution.from_tags.shared <= worst) return "";
   return text(

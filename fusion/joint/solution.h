@@ -11,6 +11,7 @@ namespace gantry::internal {
 struct Solution {
   Poses poses;
   Pose gauge = Pose::Identity();  ///< Brings the first scan back to where it was tagged.
+  double last_step_mm = 0;        ///< How far the last round moved any scan, at the part's radius.
   EdgeModel edges;
   Pairs pairs;                ///< Those of the attempt's evidence that take part, then those that do not.
   std::vector<PairSum> sums;  ///< Of both ways, as match_all's.
@@ -24,10 +25,12 @@ struct Solution {
 /// The last rounds of the scans that take part; those that are left out stay where the attempt saw them.
 Solution solve_finely(const JointProblem& problem, const Attempt& attempt);
 
+bool at_rest(const JointProblem& problem, const Solution& solution);
+
 /// What speaks against single scans in a solution, the most telling first.
 Objections objections_to(const JointProblem& problem, const Attempt& attempt, const Solution& solution);
 /// What speaks against all of it; empty: nothing.
-std::string objection_to_all(const JointProblem& problem, const Solution& solution);
+std::string objection_to_all(const JointProblem& problem, const Attempt& attempt, const Solution& solution);
 
 /// How the first scan and this one are held against each other, in words.
 std::string observability_of(const JointProblem& problem, const Attempt& attempt, const Solution& solution,

@@ -34,6 +34,17 @@ Eigen::Index parameters_of(std::span<const RangeSurface> scans) {
   return first ? first->part_from_sensor.shared_factor.cols() : 0;
 }
 
+void check_independent(const RangeSurface& s) {
+  const Matrix6d& c = s.part_from_sensor.independent;
+  const Vector6d scale = c.diagonal().cwiseAbs().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
+  const Matrix6d scaled = scale.asDiagonal() * c * scale.asDiagonal();
+  if (!c.allFinite() || (scaled - scaled.transpose()).cwiseAbs().maxCoeff() > 1e-6 ||
+      Eigen::SelfAdjointEigenSolver<Matrix6d>(scaled).eigenvalues()(0) < -1e-6)
+    throw InputError("scan " + s.name +
+                     ": the covariance of its tag is none; expected a symmetric matrix of finite numbers "
+                     "without negative eigenvalues");
+}
+
 }  // namespace
 
 TagPrior::TagPrior(std::span<const RangeSurface> scans, const Eigen::Vector3d& centre) {
@@ -43,6 +54,7 @@ TagPrior::TagPrior(std::span<const RangeSurface> scans, const Eigen::Vector3d& c
   Eigen::MatrixXd weighted = factor_;  // D^-1 F
   information_ = Eigen::MatrixXd::Zero(rows, rows);
   for (size_t i = 0; i < scans.size(); ++i) {
+    check_independent(scans[i]);
     const UncertainPose& tag = scans[i].part_from_sensor;
     const auto at = static_cast<Eigen::Index>(6 * i);
     Matrix6d own = about_centre * tag.independent * about_centre.transpose();

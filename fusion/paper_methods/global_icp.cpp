@@ -141,7 +141,6 @@ void Adjustment::match(Link& link, double radius_mm, double min_cosine, size_t s
   link.residuals.clear();
   link.searched = 0;
   std::vector<PointIndex::Neighbour> nearest;
-  std::vector<double> noise;
   for (size_t s = 0; s < samples_[link.source].size(); s += stride) {
     ++link.searched;
     const uint32_t i = samples_[link.source][s];
@@ -157,7 +156,6 @@ void Adjustment::match(Link& link, double radius_mm, double min_cosine, size_t s
     if (m.dot(n) < min_cosine) continue;
     link.residuals.push_back(m.dot(to.cloud.points[j].cast<double>() - p));
     link.contacts.push_back({part_from_to * p, part_from_to.linear() * m, part_from_to.linear() * n, 0});
-    noise.push_back(std::hypot(to.cloud.sigma_mm[j], from.cloud.sigma_mm[i]));
   }
   const double centre = median(link.residuals);
   std::vector<double> deviation;

@@ -154,7 +154,7 @@ double Pairwise::median_normalised() const {
 double Pairwise::blur_mm() const {
   const double spread = 1.4826 * median_of(matches_, [](const Match& m) { return std::abs(m.along_normal); });
   const double noise = median_of(matches_, [](const Match& m) { return m.sigma; });
-  return std::sqrt(std::max(0.0, spread * spread - 2 * noise * noise));
+  return std::sqrt(std::max(0.0, spread * spread - noise * noise));
 }
 
 void Pairwise::accumulate(double scale, double blur, bool planes, Matrix6d& hessian, Vector6d& gradient,
@@ -314,17 +314,6 @@ bool MatchTarget::maybe_near(const Eigen::Vector3f& point) const {
   // Also false for NaN; and a cast of what lies outside int's range would be undefined.
   if (!((scaled.array() >= 0).all() && (scaled.array() < cells_.cast<float>().array()).all())) return false;
   return occupied_[cell_index(scaled.cast<int>())];
-}
-
-std::string_view to_string(PairwiseMethod method) {
-  return method == PairwiseMethod::kPointToPlane ? "Point-To-Plane" : "Generalized ICP";
-}
-
-PairwiseMethod pairwise_method(std::string_view name) {
-  for (const PairwiseMethod method : {PairwiseMethod::kPointToPlane, PairwiseMethod::kGeneralizedIcp})
-    if (name == to_string(method)) return method;
-  throw InputError("pairwise method: must be \"Point-To-Plane\" or \"Generalized ICP\", found \"" +
-                   std::string(name) + "\"");
 }
 
 void validate(const PairwiseOptions& options) {

@@ -163,7 +163,7 @@ size_t fit_normals(RangeSurface& s, const Pitch& pitch, float sigma_w, int half,
       s.w[i] = 0;
       if (fit.count[column] < 6) continue;
       const float limit = std::max(kOutlierInSigmas * sigma_w, kOutlierInPitches * pitch.in_w(w[i]));
-      if (std::abs(w[i] - fit.value[column]) > limit) continue;
+      if (!(std::abs(w[i] - fit.value[column]) <= limit)) continue;
       Eigen::Vector2f ray = to_ray * Eigen::Vector3f(1, static_cast<float>(column), static_cast<float>(row));
       Eigen::Matrix2f jacobian = linear;
       if (s.rays.distorted) {
@@ -178,7 +178,7 @@ size_t fit_normals(RangeSurface& s, const Pitch& pitch, float sigma_w, int half,
       const Eigen::Vector3f n = normal_of_plane(s.rays, ray, fit.value[column], slope);
       const Eigen::Vector3f along =
           s.rays.central ? ray.homogeneous().normalized().eval() : Eigen::Vector3f(0, 0, 1);
-      if (-n.dot(along) < kGrazingCosine) continue;
+      if (!(-n.dot(along) >= kGrazingCosine)) continue;
       s.w[i] = w[i];
       s.normals[i] = pack_normal(n);
       s.flags[i] |= RangeSurface::kUsable;
@@ -217,7 +217,8 @@ RangeSurface make_range_surface(const TaggedScan& tagged, const PreprocessOption
   std::vector<size_t> measured(pieces, 0), cropped(pieces, 0);
   tbb::parallel_for(size_t{0}, pieces, [&](size_t piece) {
     for (size_t i = piece * kPiece; i < std::min(keep.size(), (piece + 1) * kPiece); ++i) {
-      keep[i] = scan.valid(i);
+      // The origin itself is what many sensors write where they measured nothing.
+      keep[i] = scan.valid(i) && !scan.points[i].isZero(0);
       if (!keep[i]) continue;
       ++measured[piece];
       if (options.crop_part_mm)

@@ -11,6 +11,7 @@
 #include <unordered_map>
 #include <unordered_set>
 
+#include "gantry/foundation/error.h"
 #include "range_image/grid_normals.h"
 #include "range_image/ray_model.h"
 
@@ -18,6 +19,8 @@ namespace gantry::internal {
 namespace {
 
 constexpr int kMaxSide = 20000;
+/// Of the grid that points without one are given: more are a few strays far away from all others.
+constexpr double kMostPixelsPerPoint = 100, kFewPixels = 1e6;
 
 struct Rectangle {
   int left = std::numeric_limits<int>::max(), top = std::numeric_limits<int>::max(), right = -1, bottom = -1;
@@ -90,7 +93,7 @@ bool lay_out_grid(const Scan& scan, const std::vector<unsigned char>& keep, Rang
   tbb::parallel_for(0, s.height, [&](int row) {
     for (int column = 0; column < s.width; ++column) {
       const size_t from = scan.index(column + box.left, row + box.top), to = s.index(column, row);
-      if (scan.valid(from)) s.flags[to] = RangeSurface::kSeen;
+      if (scan.valid(from) && !scan.points[from].isZero(0)) s.flags[to] = RangeSurface::kSeen;
       if (!keep[from]) continue;
       const Eigen::Vector3f& p = scan.points[from];
       if (same_frame && s.rays.central) {
@@ -267,8 +270,14 @@ void lay_out_points(const std::vector<Eigen::Vector3f>& points, const std::optio
   }
   min_u -= kRing * cell;
   min_v -= kRing * cell;
-  s.width = static_cast<int>((max_u - min_u) / cell) + 1 + kRing;
-  s.height = static_cast<int>((max_v - min_v) / cell) + 1 + kRing;
+  const double across = (max_u - min_u) / cell + 1 + kRing, down = (max_v - min_v) / cell + 1 + kRing;
+  if (!(across * down <= kMostPixelsPerPoint * static_cast<double>(points.size()) + kFewPixels))
+    throw InputError("scan " + s.name + ": its " + std::to_string(points.size()) +
+                     " points lie so far apart that a grid for them would have " +
+                     std::to_string(std::llround(across)) + " x " + std::to_string(std::llround(down)) +
+                     " pixels; are there stray points? Cut them off with a crop box");
+  s.width = static_cast<int>(across);
+  s.height = static_cast<int>(down);
   // Pixel (0, 0) is centred half a cell inside the rectangle.
   const double u0 = min_u + 0.5 * cell, v0 = min_v + 0.5 * cell;
   s.rays.ray_of_pixel.setZero();

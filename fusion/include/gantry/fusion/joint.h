@@ -1,9 +1,6 @@
 #pragma once
 
-#include <optional>
 #include <span>
-#include <string>
-#include <vector>
 
 #include "gantry/fusion/range_surface.h"
 #include "gantry/fusion/registration.h"

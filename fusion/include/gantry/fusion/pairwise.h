@@ -2,7 +2,6 @@
 
 #include <cstdint>
 #include <span>
-#include <string_view>
 #include <vector>
 
 #include "gantry/fusion/preprocess.h"
@@ -18,11 +17,6 @@ enum class PairwiseMethod {
   /// are weighted by the sum of both.
   kGeneralizedIcp
 };
-
-/// "Point-To-Plane" or "Generalized ICP".
-std::string_view to_string(PairwiseMethod method);
-/// The method of that name. Throws InputError naming the choices.
-PairwiseMethod pairwise_method(std::string_view name);
 
 struct PairwiseOptions {
   PairwiseMethod method = PairwiseMethod::kGeneralizedIcp;

@@ -11,7 +11,7 @@ namespace gantry {
 /// A measured relative pose between two scans.
 struct PoseGraphEdge {
   size_t target = 0, source = 0;  ///< Indices of scans, target < source.
-  bool odometry = false;          ///< Consecutive scans; otherwise a loop closure.
+  bool odometry = false;          ///< Neighbours; otherwise a loop closure.
   double predicted_overlap = 0;
   PairwiseResult match;
   bool kept = true;

@@ -35,7 +35,9 @@ void validate(const PreprocessOptions& options);
 /// search for neighbours slows it down. What a single view cannot show, points behind others, is dropped
 /// and counted in `dropped_hidden`: many of them mean that the scan was merged from several views.
 ///
-/// Throws InputError naming the option that is out of range, or the scan when fewer than 100 points remain.
+/// Points at the very origin, which many sensors write where they measured nothing, count as not measured.
+/// Throws InputError naming the option that is out of range, or the scan when fewer than 100 points remain or
+/// a few lie so far away from the others that no grid holds all of them.
 RangeSurface make_range_surface(const TaggedScan& scan, const PreprocessOptions& options);
 
 /// A scan's surface as points, without the grid: what the paper's methods work on. In the `sensor` frame,

@@ -19,9 +19,10 @@ enum class RegistrationMethod {
 /// What two scans that share surface said about each other.
 struct PairReport {
   size_t target = 0, source = 0;  ///< Indices of scans, target < source.
-  /// Nearest neighbours (the tree of the greatest overlaps); otherwise a loop closure.
+  /// Neighbours: in the tree of the greatest overlaps (the paper's methods), or one after the other in the
+  /// order given (method "joint", to which it means nothing); otherwise a loop closure.
   bool odometry = false;
-  double predicted_overlap = 0;  ///< From the tagged poses, 0..1.
+  double predicted_overlap = 0;  ///< From the tagged poses, 0..1; NaN: not predicted (method "joint").
   double overlap = 0;            ///< Fraction of the source's samples that found a partner at the end.
   size_t inliers = 0;            ///< Matches that took part.
   double rms_mm = 0;             ///< Of the inliers' distances along the normal.
