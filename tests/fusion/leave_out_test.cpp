@@ -35,5 +35,13 @@ TEST(LeaveOut, IsTheSolutionWithoutThePart) {
   }
 }
 
+TEST(LeaveOut, SaysNothingOfWhatIsNotPositiveDefinite) {
+  Eigen::MatrixXd hessian = Eigen::MatrixXd::Identity(12, 12);
+  hessian(3, 3) = -1;
+  const LeaveOut leave_out(hessian);
+  EXPECT_FALSE(leave_out.inverse().array().isFinite().any());
+  EXPECT_FALSE(leave_out.solve({0}, Eigen::MatrixXd::Zero(6, 6), Eigen::VectorXd::Ones(12)).allFinite());
+}
+
 }  // namespace
 }  // namespace gantry::internal

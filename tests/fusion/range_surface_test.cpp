@@ -267,5 +267,24 @@ TEST(RangeSurface, TooFewPointsAreRefused) {
   expect_input_error([&] { make_range_surface(scan, {}); }, {"lonely"});
 }
 
+TEST(RangeSurface, ZerosAreWhereNothingWasMeasured) {
+  TaggedScan scan = scan_of(RayScene(make_bracket()), small_sensor(), bracket_view(0.5, 0.9), 1);
+  const RangeSurface expected = make_range_surface(scan, {});
+  for (size_t i = 0; i < scan.scan.points.size(); ++i)
+    if (!scan.scan.valid(i)) scan.scan.points[i].setZero();
+  const RangeSurface found = make_range_surface(scan, {});
+  EXPECT_EQ(found.measured, expected.measured);
+  EXPECT_EQ(found.w, expected.w);
+  EXPECT_EQ(found.flags, expected.flags);
+}
+
+TEST(RangeSurface, PointsFarAwayFromAllOthersAreNamed) {
+  TaggedScan scan = scan_of(RayScene(make_bracket()), small_sensor(), bracket_view(0.5, 0.9), 1);
+  scan.scan = without_grid(scan.scan);
+  scan.scan.points.push_back(10000 * Eigen::Vector3f(1, 1, 1));
+  scan.scan.width = static_cast<int>(scan.scan.points.size());
+  expect_input_error([&] { make_range_surface(scan, {}); }, {"scan scan", "stray"});
+}
+
 }  // namespace
 }  // namespace gantry

@@ -245,5 +245,23 @@ TEST(TagPrior, ScansOfDifferentParametersAreRefused) {
   EXPECT_EQ(TagPrior(scans, Eigen::Vector3d::Zero()).parameters(), 4) << "it shares nothing with the others";
 }
 
+TEST(TagPrior, WhatIsNoCovarianceIsRefused) {
+  UncertainPose good;
+  good.independent = covariance_about({50, 0, 0}, 1, 0.01);
+  const auto with = [&](auto&& spoil) {
+    UncertainPose bad = good;
+    spoil(bad.independent);
+    return tagged({good, bad});
+  };
+  const auto expect_refused = [](const std::vector<RangeSurface>& scans) {
+    expect_input_error([&] { TagPrior(scans, Eigen::Vector3d::Zero()); }, {"scan2", "symmetric"});
+  };
+  expect_refused(with([](Matrix6d& c) { c(1, 1) = -c(1, 1); }));
+  expect_refused(with([](Matrix6d& c) { c.row(0).swap(c.row(4)); }));
+  expect_refused(with([](Matrix6d& c) { c(3, 2) = std::numeric_limits<double>::quiet_NaN(); }));
+  expect_refused(with([](Matrix6d& c) { c(0, 5) = c(5, 0) = 2 * std::sqrt(c(0, 0) * c(5, 5)); }));
+  TagPrior(with([](Matrix6d& c) { c.setZero(); }), Eigen::Vector3d::Zero());  // exactly known
+}
+
 }  // namespace
 }  // namespace gantry
