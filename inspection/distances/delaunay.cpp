@@ -1,5 +1,7 @@
 #include "distances/delaunay.h"
 
+#include <Eigen/Geometry>
+#include <algorithm>
 #include <cmath>
 
 namespace gantry::internal {
