@@ -20,9 +20,9 @@ void delaunay(std::span<const Eigen::Vector2d> points, std::vector<std::array<in
   for (int i = 0; i < n; ++i) {
     const Eigen::Vector2d p = (points[i] - middle) / scale;
     // Lifted by a little that differs from point to point, so that no four lie in one plane: points on a grid
-    // would otherwise give both diagonals of every square.
-    const double golden = i * 0.6180339887498949;
-    lifted.emplace_back(p.x(), p.y(), p.squaredNorm() + 1e-9 * (golden - std::floor(golden)));
+    // would otherwise give both diagonals of every square. A sine of whole numbers follows no pattern of
+    // theirs.
+    lifted.emplace_back(p.x(), p.y(), p.squaredNorm() + 1e-9 * std::sin(1e4 * (i + 1)));
   }
   constexpr double kLeastArea = 1e-12;  // twice the area, of points within a unit circle
   for (int a = 0; a < n; ++a)
