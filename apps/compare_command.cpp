@@ -92,21 +92,42 @@ PointCloud read_cloud(const std::filesystem::path& path, double unit_mm) {
   return cloud;
 }
 
-std::string points_within_lod(const DistanceResult& r) {
-  size_t beyond = 0, count = 0;
-  double sum = 0;
-  for (size_t i = 0; i < r.lod95_mm.size(); ++i) {
-    if (!std::isfinite(r.distance_mm[i])) continue;
-    ++count;
-    sum += r.lod95_mm[i];
-    beyond += std::abs(r.distance_mm[i]) > r.lod95_mm[i];
+/// What M3C2's levels of detection say of the points that have one.
+struct Detection {
+  size_t points = 0, exceeded = 0;
+  double mean_lod95_mm = 0;
+  double share() const {
+    return points == 0 ? 0 : static_cast<double>(exceeded) / static_cast<double>(points);
   }
-  if (count == 0) return {};
+};
+
+Detection detection_of(const DistanceResult& r) {
+  Detection d;
+  for (size_t i = 0; i < r.lod95_mm.size(); ++i) {
+    if (!std::isfinite(r.lod95_mm[i])) continue;
+    ++d.points;
+    d.mean_lod95_mm += r.lod95_mm[i];
+    d.exceeded += std::abs(r.distance_mm[i]) > r.lod95_mm[i];
+  }
+  if (d.points > 0) d.mean_lod95_mm /= static_cast<double>(d.points);
+  return d;
+}
+
+/// Whatever a reader must know of one result besides its numbers; empty: nothing.
+std::string remarks_on(const DistanceResult& r) {
+  std::string remarks = r.note;
   char text[120];
-  std::snprintf(text, sizeof text, "; mean LOD95 %.4g mm, exceeded by %.1f %% of %zu points",
-                sum / static_cast<double>(count),
-                100 * static_cast<double>(beyond) / static_cast<double>(count), count);
-  return text;
+  if (r.error_bound_mm > 0) {
+    std::snprintf(text, sizeof text, "; wrong by %.4g mm at most", r.error_bound_mm);
+    remarks += text;
+  }
+  if (r.metric == Metric::kM3c2) {
+    const Detection d = detection_of(r);
+    std::snprintf(text, sizeof text, "; mean LOD95 %.4g mm, exceeded by %.1f %% of %zu points",
+                  d.mean_lod95_mm, 100 * d.share(), d.points);
+    remarks += text;
+  }
+  return remarks;
 }
 
 void print_table(const std::vector<DistanceResult>& results, const Options& o, const PointCloud& compared,
@@ -124,14 +145,9 @@ void print_table(const std::vector<DistanceResult>& results, const Options& o, c
   }
   std::printf("\n  mean, sigma, p95 and max: of the points of A, with their sign where they have one; mm\n");
   for (const DistanceResult& r : results) {
-    std::string note = r.note;
-    if (r.error_bound_mm > 0) {
-      char text[80];
-      std::snprintf(text, sizeof text, "; wrong by %.4g mm at most", r.error_bound_mm);
-      note += text;
-    }
-    note += points_within_lod(r);
-    if (!note.empty()) std::printf("  %s: %s\n", std::string(to_string(r.metric)).c_str(), note.c_str());
+    const std::string remarks = remarks_on(r);
+    if (!remarks.empty())
+      std::printf("  %s: %s\n", std::string(to_string(r.metric)).c_str(), remarks.c_str());
   }
 }
 
@@ -171,6 +187,10 @@ nlohmann::json json_of(const std::vector<DistanceResult>& results, const Options
                             {"p50", s.p50},
                             {"p95", s.p95}}}};
     if (r.metric == Metric::kEarthMovers) metric["error_bound_mm"] = r.error_bound_mm;
+    if (r.metric == Metric::kM3c2) {
+      const Detection d = detection_of(r);
+      metric["lod95"] = {{"mean_mm", d.mean_lod95_mm}, {"exceeded", d.share()}};
+    }
     json["metrics"].push_back(std::move(metric));
   }
   return json;
@@ -215,6 +235,7 @@ CompareCommand::CompareCommand(CLI::App& app) : impl_(std::make_unique<Impl>()) 
   for (const Metric m : all_metrics()) names.emplace_back(to_string(m));
   command->add_option("--metric", o.metrics, "One or more, separated by commas; all: those that B allows")
       ->delimiter(',')
+      ->allow_extra_args(false)  // what follows are A and B
       ->check(CLI::IsMember(names))
       ->capture_default_str();
   command->add_option("--k", o.distances.neighbours, "Neighbours of the local models")

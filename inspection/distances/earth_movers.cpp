@@ -3,6 +3,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <limits>
 #include <numeric>
 
@@ -18,7 +19,7 @@ using Indices = std::span<uint32_t>;
 struct Groups {
   std::vector<uint32_t> order;         ///< Points by group; those after the last full group are left out.
   std::vector<Eigen::Vector3d> means;  ///< Of each group.
-  double moved_mm = 0;                 ///< Sum of the distances from the points to their means.
+  std::vector<double> moved_mm;        ///< How far each point that takes part is from its mean.
 };
 
 /// Orders points so that every `size` in a row are a compact group. Equal coordinates go by index: the same
@@ -48,10 +49,15 @@ Groups grouped(Points points, size_t size) {
     for (size_t k = begin; k < begin + size; ++k) mean += points[groups.order[k]].cast<double>();
     mean /= static_cast<double>(size);
     for (size_t k = begin; k < begin + size; ++k)
-      groups.moved_mm += (points[groups.order[k]].cast<double>() - mean).norm();
+      groups.moved_mm.push_back((points[groups.order[k]].cast<double>() - mean).norm());
     groups.means.push_back(mean);
   }
   return groups;
+}
+
+double sum_of_largest(std::vector<double> values, size_t count) {
+  std::sort(values.begin(), values.end(), std::greater<>());
+  return std::accumulate(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(count), 0.0);
 }
 
 }  // namespace
@@ -83,8 +89,11 @@ EarthMovers earth_movers(Points a, Points b, size_t exact_points) {
       result.distance_mm[order[k]] = static_cast<float>(distance);
   }
   result.mean_mm = sum / static_cast<double>(partner.size());
-  if (size > 1)
-    result.error_bound_mm = (from.moved_mm + to.moved_mm) / static_cast<double>(partner.size() * size);
+  if (size > 1) {
+    const size_t matched = from.moved_mm.size();
+    result.error_bound_mm = (sum_of_largest(from.moved_mm, matched) + sum_of_largest(to.moved_mm, matched)) /
+                            static_cast<double>(matched);
+  }
   return result;
 }
 

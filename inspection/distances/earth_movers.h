@@ -19,11 +19,14 @@ struct EarthMovers {
 /// Exact while the product of the clouds' sizes is at most that of two clouds of `exact_points`. Beyond, both
 /// are cut by medians (along the longest side, as a kd-tree is built) into groups of equally many points, as
 /// few as bring the product down to that, and the groups' means are assigned exactly; of each cloud fewer
-/// points than one group are left over and left out. Moving every point to the mean of its group costs the
-/// mean distance to it, so that by the triangle inequality the result differs from the exact one of the
-/// points that take part by at most (sum of these distances in A and in B) / number of points in the smaller
-/// cloud. That is `error_bound_mm`; it is a long way from what happens: the distance of a cloud from its
-/// moved copy, for example, is exact.
+/// points than one group are left over and left out.
+///
+/// Moving every point to the mean of its group costs the mean of the distances to it, so that by the triangle
+/// inequality the result differs from the exact one of the points that take part by at most the mean of these
+/// distances in the smaller cloud + the mean of as many of them in the larger, taken at their largest. That
+/// is `error_bound_mm`, and a long way from what happens to clouds of the same density: that of a cloud and
+/// its moved copy comes out exactly. Of clouds that differ much in density, groups of as many points differ
+/// in size, and the bound is to be taken seriously.
 EarthMovers earth_movers(std::span<const Eigen::Vector3f> a, std::span<const Eigen::Vector3f> b,
                          size_t exact_points);
 

@@ -144,6 +144,7 @@ M3c2 m3c2(const PointCloud& a, const PointIndex& a_index, const PointCloud& b, c
   std::snprintf(text, sizeof text, "normals at %.3g mm, cylinder %.3g mm wide, %.3g mm to either side",
                 scales.normal_mm, scales.cylinder_mm, scales.depth_mm);
   result.note = text;
+  if (!a.has_normals() && !b.has_normals()) result.note += "; without normals in A or B positive is up (+z)";
   return result;
 }
 

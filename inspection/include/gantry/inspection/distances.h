@@ -18,11 +18,11 @@ namespace gantry {
 /// two more. A is the compared cloud, B the reference; d(a, B) is the distance from a to the nearest point of
 /// B. Every metric is one number, `value`; those that give each point of A a distance have it besides.
 ///
-/// None of these is *the* distance. Nearest points are at most as far apart as the ones that belong
-/// together: a copy moved by d across a slope of angle t is d cos t away for all metrics below but
-/// kEarthMovers.
+/// None of these is *the* distance. Most measure to whatever is nearest: between a slope of angle t and its
+/// copy d higher they find d cos t. kEarthMovers alone keeps together what belongs together, if the clouds
+/// have the same number of points. docs/results/distances.md shows what each is worth.
 enum class Metric {
-  /// "CD1", mm: (mean of d(a, B) + mean of d(b, A)) / 2. Noise adds to it, sparse points do too.
+  /// "CD1", mm: (mean of d(a, B) + mean of d(b, A)) / 2. Points that are sparse or noisy change it.
   kChamfer,
   /// "CD2", mm^2: mean of d(a, B)^2 + mean of d(b, A)^2.
   kChamferSquared,
