@@ -215,7 +215,9 @@ void write_page(const ExperimentOptions& o, const std::filesystem::path& out, bo
   page += table;
   page += "## What perturbations do\n";
   page +=
-      "Mean over shapes and strengths of |deviation − deviation of the same shape unperturbed|, in m:\n\n";
+      "Mean over shapes and strengths of |deviation − deviation of the same shape unperturbed|, in m. Which "
+      "strengths the reference "
+      "value is the mean of is not known, so that only its size compares.\n\n";
   page += shift_table(experiment, o.metrics);
   page += findings();
   for (const Sweep& sweep : kSweeps) {
