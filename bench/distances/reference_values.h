@@ -8,8 +8,8 @@
 
 namespace gantry::bench {
 
-/// What an earlier, independent re-run of the paper's experiment found (in another language, with the same
-/// conventions; 100 runs, Earth Mover's 6; rounded to three decimals). The paper itself prints no figures.
+/// What an earlier re-run of the paper's experiment found with the same conventions (100 runs, Earth Mover's
+/// 6; rounded to three decimals). The paper itself shows plots and no numbers.
 inline constexpr std::array kReferenceMetrics = {
     Metric::kChamfer, Metric::kChamferSquared, Metric::kHausdorff,     Metric::kEarthMovers,
     Metric::kPlane,   Metric::kQuadric,        Metric::kTriangulation, Metric::kCloudToMesh};
