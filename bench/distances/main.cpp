@@ -207,7 +207,7 @@ void write_page(const ExperimentOptions& o, const std::filesystem::path& out, bo
   size_t outside = 0;
   const std::string table = comparison_table(experiment, outside);
   page +=
-      "## Against reference values\nIn parentheses the reference values, from an earlier independent "
+      "## Against reference values\nIn parentheses the reference values, from an earlier "
       "re-run. ";
   page += outside == 0
               ? "All agree within the spread of the runs.\n\n"
