@@ -1,8 +1,9 @@
-// Registration and inspection of scans on disk; needs no device.
+// Registration, inspection and comparison of scans on disk; needs no device.
 
 #include <spdlog/spdlog.h>
 
 #include "app.h"
+#include "compare_command.h"
 #include "gantry/acquisition/journal.h"
 #include "gantry/foundation/file_hash.h"
 #include "gantry/geometry/mesh_file.h"
@@ -47,10 +48,11 @@ ExitCode run_inspect(const InspectOptions& o) {
 
 int main(int argc, char** argv) {
   CLI::App app{
-      "Registers scans into one cloud and inspects clouds against a CAD model.\n"
+      "Registers scans into one cloud, inspects clouds against a CAD model and compares clouds.\n"
       "Example: gantry-fusion register scans/*.ply --initial POSES.txt --out registered\n"
       "         gantry-fusion inspect --cloud registered/merged.ply --reference part.stl --tolerance 0.2 "
-      "--out inspected",
+      "--out inspected\n"
+      "         gantry-fusion compare registered/merged.ply part.stl --ply distances.ply",
       "gantry-fusion"};
   CommonOptions common;
   add_common_options(app, common);
@@ -80,8 +82,11 @@ int main(int argc, char** argv) {
   inspecting->add_option("--out", ins.out, "Folder for the results")->required();
   inspecting->add_flag("--json", ins.json, "Print the summary as JSON");
 
+  const CompareCommand comparing(app);
+
   return run_app(app, argc, argv, common, [&] {
     if (registering.parsed()) return registering.run();
+    if (comparing.parsed()) return comparing.run();
     return run_inspect(ins);
   });
 }

@@ -111,6 +111,13 @@ TriangleMesh read_mesh(const std::filesystem::path& path, double unit_mm) {
   return mesh;
 }
 
+bool holds_triangles(const std::filesystem::path& path) {
+  internal::require_file(path);
+  const std::string extension = internal::lower_extension(path);
+  if (extension == ".ply") return !internal::read_points(path).triangles.empty();
+  return extension == ".stl" || extension == ".obj";
+}
+
 void write_mesh(const std::filesystem::path& path, const TriangleMesh& mesh) {
   const std::string extension = path.extension().string();
   if (extension != ".stl" && extension != ".ply")

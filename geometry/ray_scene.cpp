@@ -5,36 +5,12 @@
 #include <cmath>
 
 #include "gantry/foundation/error.h"
+#include "gantry/geometry/closest_on_triangle.h"
 
 namespace gantry {
 namespace {
 
 using Feature = RayScene::Feature;
-
-/// Closest point of a triangle and the feature it lies on (Ericson, Real-Time Collision Detection,
-/// 5.1.5). In double: the products for a long thin triangle cost float several of its seven digits.
-Eigen::Vector3d closest_on_triangle(const Eigen::Vector3d& p, const Eigen::Vector3d& a,
-                                    const Eigen::Vector3d& b, const Eigen::Vector3d& c, Feature& feature) {
-  const Eigen::Vector3d ab = b - a, ac = c - a, ap = p - a;
-  const double d1 = ab.dot(ap), d2 = ac.dot(ap);
-  if (d1 <= 0 && d2 <= 0) return feature = Feature::kVertex0, a;
-  const Eigen::Vector3d bp = p - b;
-  const double d3 = ab.dot(bp), d4 = ac.dot(bp);
-  if (d3 >= 0 && d4 <= d3) return feature = Feature::kVertex1, b;
-  const double vc = d1 * d4 - d3 * d2;
-  if (vc <= 0 && d1 >= 0 && d3 <= 0) return feature = Feature::kEdge01, a + d1 / (d1 - d3) * ab;
-  const Eigen::Vector3d cp = p - c;
-  const double d5 = ab.dot(cp), d6 = ac.dot(cp);
-  if (d6 >= 0 && d5 <= d6) return feature = Feature::kVertex2, c;
-  const double vb = d5 * d2 - d1 * d6;
-  if (vb <= 0 && d2 >= 0 && d6 <= 0) return feature = Feature::kEdge20, a + d2 / (d2 - d6) * ac;
-  const double va = d3 * d6 - d5 * d4;
-  if (va <= 0 && d4 - d3 >= 0 && d5 - d6 >= 0) {
-    return feature = Feature::kEdge12, b + (d4 - d3) / ((d4 - d3) + (d5 - d6)) * (c - b);
-  }
-  const double denominator = 1.0 / (va + vb + vc);
-  return feature = Feature::kFace, a + ab * (vb * denominator) + ac * (vc * denominator);
-}
 
 struct QueryState {
   const TriangleMesh* mesh;

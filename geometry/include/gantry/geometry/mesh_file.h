@@ -11,6 +11,10 @@ namespace gantry {
 /// no triangles or holds a coordinate that is not finite.
 TriangleMesh read_mesh(const std::filesystem::path& path, double unit_mm = 1.0);
 
+/// Whether a file is to be read by read_mesh() rather than by read_point_cloud(): STL and OBJ are, a PLY when
+/// it has faces. Throws InputError naming the file when it is missing or, for a PLY, broken.
+bool holds_triangles(const std::filesystem::path& path);
+
 /// Writes binary STL (.stl) or binary PLY (.ply), replacing the file in one step.
 void write_mesh(const std::filesystem::path& path, const TriangleMesh& mesh);
 

@@ -4,6 +4,7 @@
 #include <memory>
 #include <optional>
 
+#include "gantry/geometry/closest_on_triangle.h"
 #include "gantry/geometry/triangle_mesh.h"
 
 namespace gantry {
@@ -18,8 +19,7 @@ class RayScene {
     float u, v;  ///< Barycentric weights of the triangle's second and third vertex.
   };
 
-  /// Where on a triangle the closest point lies.
-  enum class Feature : unsigned char { kFace, kEdge01, kEdge12, kEdge20, kVertex0, kVertex1, kVertex2 };
+  using Feature = TriangleFeature;
 
   struct Closest {
     Eigen::Vector3f point;

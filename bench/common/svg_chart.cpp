@@ -73,8 +73,8 @@ void Svg::save(const std::filesystem::path& path) const {
 }
 
 std::string colour_of(size_t series) {
-  static const char* colours[] = {"#0072b2", "#d55e00", "#e69f00", "#009e73",
-                                  "#cc79a7", "#7f7f7f", "#56b4e9"};
+  static const char* colours[] = {"#0072b2", "#d55e00", "#e69f00", "#009e73", "#cc79a7",
+                                  "#7f7f7f", "#56b4e9", "#000000", "#8c510a", "#9acd32"};
   return colours[series % std::size(colours)];
 }
 
