@@ -7,6 +7,7 @@
 
 #include "foundation/expect_input_error.h"
 #include "fusion/scenes.h"
+#include "gantry/sim/scan_set.h"
 #include "geometry/solids.h"
 #include "range_image/grid_normals.h"
 #include "range_image/ray_model.h"
@@ -281,7 +282,7 @@ TEST(RangeSurface, ZerosAreWhereNothingWasMeasured) {
 TEST(RangeSurface, PointsFarAwayFromAllOthersAreNamed) {
   TaggedScan scan = scan_of(RayScene(make_bracket()), small_sensor(), bracket_view(0.5, 0.9), 1);
   scan.scan = without_grid(scan.scan);
-  scan.scan.points.push_back(10000 * Eigen::Vector3f(1, 1, 1));
+  scan.scan.points.push_back(Eigen::Vector3f(-10000, 5000, -3000));
   scan.scan.width = static_cast<int>(scan.scan.points.size());
   expect_input_error([&] { make_range_surface(scan, {}); }, {"scan scan", "stray"});
 }
