@@ -224,8 +224,9 @@ TEST_F(Register, WritesWhatItKnows) {
   ASSERT_FALSE(json.at("edges").empty());
   for (const nlohmann::json& edge : json.at("edges")) {
     EXPECT_LT(edge.at("target").get<size_t>(), edge.at("source").get<size_t>());
-    for (const char* key : {"predicted_overlap", "overlap", "inliers", "rms_mm", "disagreement_mm"})
+    for (const char* key : {"overlap", "inliers", "rms_mm", "disagreement_mm"})
       EXPECT_GE(edge.at(key).get<double>(), 0) << key;
+    EXPECT_TRUE(edge.at("predicted_overlap").is_null());
     EXPECT_TRUE(edge.at("kept").is_boolean() && edge.at("reason").is_string() && edge.at("kind").is_string());
   }
 }
@@ -242,6 +243,9 @@ TEST_F(Register, EveryMethodCanBeChosen) {
     }
     EXPECT_EQ(result().at("method"), method);
     EXPECT_TRUE(result().at("wobble_mm").is_null()) << "this method has no such test";
+    EXPECT_TRUE(result().at("shared_chi_square").is_null());
+    EXPECT_TRUE(result().at("scans").at(1).at("prior_chi_square").is_null());
+    EXPECT_GE(result().at("edges").at(0).at("predicted_overlap").get<double>(), 0);
     EXPECT_FALSE(result().at("edges").empty());
   }
 }
