@@ -9,9 +9,6 @@ struct Arrangement {
   double score = 0;  ///< By which those of one search compare; see Fit.
 };
 
-/// Differences of scores below this decide nothing.
-constexpr double kAmbiguous = 250;
-
 /// Sets all scans anew, one by one, and keeps several half-built arrangements at a time: on a part that is
 /// nearly symmetric a scan may fit in several places, and only what comes later tells which was right.
 /// Returns the `most` best arrangements that differ, best first, to be adjusted and judged. `poses`: as

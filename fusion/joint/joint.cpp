@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 
 #include "gantry/foundation/error.h"
 #include "joint/arrangements.h"
@@ -101,19 +102,28 @@ bool far_from_tags(const JointProblem& problem, const Attempt& attempt) {
   return *std::max_element(own.begin(), own.end()) > kUnlikely;
 }
 
+/// Whether the tags make these poses a thousand times less likely than those.
+bool decided_by_tags(const JointProblem& problem, const Poses& these, const Poses& those) {
+  const auto chi_square = [&](const Poses& poses) {
+    const TagPrior::ChiSquare all = problem.tag_prior.chi_square(errors_of_tags(problem, poses));
+    return std::accumulate(all.own.begin(), all.own.end(), all.shared);
+  };
+  return chi_square(these) > chi_square(those) + 2 * std::log(1000.0);
+}
+
 /// Judges the best arrangements of all scans until one is believed, which is the last attempt then. True when
-/// another one that is as good is believed as well: that is objected to, and no other attempt can heal it.
+/// another one is believed as well, and no tag speaks against it: on a symmetric part it may fit worse, for
+/// lying on fewer others, and be the right one. That is objected to, and no other attempt can heal it.
 bool try_arrangements(const JointProblem& problem, const Poses& tagged, std::vector<Attempt>& attempts) {
   const std::vector<Arrangement> arrangements = search_arrangements(problem, tagged, kArrangements);
   size_t believed = arrangements.size();
   for (size_t k = 0; k < arrangements.size(); ++k) {
-    if (believed < k && arrangements[k].score < arrangements[believed].score - kAmbiguous) break;
     Attempt next = attempt_at(problem, "several arrangements at a time", arrangements[k].poses);
     refine_and_judge(problem, problem.fine_start_mm(), next);
     if (believed < k) {
-      const std::vector<size_t> otherwise = next.objection.empty()
-                                                ? placed_otherwise(problem, attempts.back().poses, next.poses)
-                                                : std::vector<size_t>();
+      const Poses& best = attempts.back().poses;
+      if (!next.objection.empty() || decided_by_tags(problem, next.poses, best)) continue;
+      const std::vector<size_t> otherwise = placed_otherwise(problem, best, next.poses);
       if (otherwise.empty()) continue;
       attempts.back().objection = "the result is ambiguous: these scans fit as well in another place: " +
                                   names_of(problem, otherwise);
