@@ -13,7 +13,7 @@
 namespace gantry::internal {
 namespace {
 
-/// Many times what shares a measured pixel: creases, along which interpolation errs alike, are longer.
+/// Many times what shares a measured pixel.
 constexpr double kLeastPatch_px = 64;
 /// One more than the dimensions: so few patches say nothing of a covariance's shape.
 constexpr double kFewPatches = 7;

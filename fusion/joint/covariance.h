@@ -13,11 +13,11 @@ namespace gantry::internal {
 /// The model of correlation: residuals within one patch may be correlated in any way, those of different
 /// patches are independent. Patches are cubes of `patch_mm` in the part frame, 64 pixels wide: whatever
 /// shares a measured pixel (both ways of a pair, several pairs that see the same surface, the normals'
-/// windows) or errs alike (interpolation along a crease, a sensor's local distortion) falls into one patch,
-/// mostly. Leaving patch p out would move the poses by d_p = (H - H_p)^-1 g_p; the covariance is the sum of
-/// d_p d_p^T over the patches (cluster jackknife, CR3; Bell and McCaffrey 2002). It takes noise and the
-/// model's errors as they are, and knows when a few patches alone hold a direction. H is the second
-/// derivative of the robust costs, without what noise in the normals pretends to know (normal_equations.h).
+/// windows) or errs alike (a sensor's local distortion) falls into one patch, mostly. Leaving patch p out
+/// would move the poses by d_p = (H - H_p)^-1 g_p; the covariance is the sum of d_p d_p^T over the patches
+/// (cluster jackknife, CR3; Bell and McCaffrey 2002). It takes noise and the model's errors as they are, and
+/// knows when a few patches alone hold a direction. H is the second derivative of the robust costs, without
+/// what noise in the normals pretends to know (normal_equations.h).
 ///
 /// What edges say is no such sum: it enters as information of which the errors are known (edge_evidence.h).
 /// They scatter about a mean that all edges of one direction in a pair of scans have in common, and these

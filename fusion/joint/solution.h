@@ -25,6 +25,7 @@ struct Solution {
 /// The last rounds of the scans that take part; those that are left out stay where the attempt saw them.
 Solution solve_finely(const JointProblem& problem, const Attempt& attempt);
 
+/// Whether the last round moved hardly anything.
 bool at_rest(const JointProblem& problem, const Solution& solution);
 
 /// What speaks against single scans in a solution, the most telling first.

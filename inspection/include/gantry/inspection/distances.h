@@ -111,9 +111,9 @@ struct DistanceResult {
   std::string note;           ///< What a reader should know: what was chosen or approximated.
 };
 
-/// By what a distance of M3C2 must exceed 0 to be a change with 95 % confidence: 1.96 (sqrt(s1^2 / n1 + s2^2
-/// / n2)
-/// + registration), s the standard deviation of the n points of a cloud in the cylinder along its axis.
+/// By what a distance of M3C2 must exceed 0 to be a change with 95 % confidence:
+/// 1.96 (sqrt(s1^2 / n1 + s2^2 / n2) + registration), s the standard deviation of the n points of a cloud in
+/// the cylinder along its axis.
 double level_of_detection_95(double s1_mm, size_t n1, double s2_mm, size_t n2, double registration_mm);
 
 /// Throws InputError when an option is out of range, the cloud is empty or holds a coordinate that is not
