@@ -34,9 +34,9 @@ struct JointOptions {
 ///     still moved. A result that fails is tried again from a wider start; then, of up to 16 scans, the
 ///     arrangements in which they fit are searched and compared (joint/arrangements.h: scans of a part that
 ///     is nearly symmetric fit in more than one place), also when a pose ended where its tag makes it
-///     unlikely; then scan by scan from many starts and global proposals (joint/recovery.h). In a set of more than 32
-///     only the suspicious scans are placed again, first of all. What still fails, or is ambiguous, is
-///     returned with a reason, never as a success.
+///     unlikely; then scan by scan from many starts and global proposals (joint/recovery.h). In a set of more
+///     than 32 only the suspicious scans are placed again, first of all. What still fails, or is ambiguous,
+///     is returned with a reason, never as a success.
 ///  4. Where a few scans (a quarter at most, and not the first) are all that is wrong, they are left out: the
 ///     others are adjusted and judged as if these were not there (joint/attempt.h). ScanReport::left_out says
 ///     why; the result is not believed unless JointOptions::allowed_left_out allows as many.
