@@ -2,55 +2,12 @@
 
 #include <embree3/rtcore.h>
 
-#include <cmath>
-
 #include "gantry/foundation/error.h"
-#include "gantry/geometry/closest_on_triangle.h"
 
 namespace gantry {
-namespace {
-
-using Feature = RayScene::Feature;
-
-struct QueryState {
-  const TriangleMesh* mesh;
-  const std::vector<Eigen::Vector3f>* normals = nullptr;  // set when only facing triangles count
-  Eigen::Vector3f point;
-  Eigen::Vector3f direction = Eigen::Vector3f::Zero();
-  float min_cosine = -2.0f;
-  double best_squared;
-  RayScene::Closest best{};
-  bool found = false;
-};
-
-bool visit_triangle(RTCPointQueryFunctionArguments* args) {
-  auto& state = *static_cast<QueryState*>(args->userPtr);
-  if (state.normals && (*state.normals)[args->primID].dot(state.direction) < state.min_cosine) return false;
-  const TriangleMesh& mesh = *state.mesh;
-  const Eigen::Vector3i& tri = mesh.triangles[args->primID];
-  const Eigen::Vector3d p = state.point.cast<double>();
-  Feature feature;
-  const Eigen::Vector3d q =
-      closest_on_triangle(p, mesh.vertices[tri[0]].cast<double>(), mesh.vertices[tri[1]].cast<double>(),
-                          mesh.vertices[tri[2]].cast<double>(), feature);
-  const double squared = (q - p).squaredNorm();
-  const int id = static_cast<int>(args->primID);
-  // Ties go to the lower triangle, so that the answer does not depend on the order of the visit.
-  if (squared > state.best_squared ||
-      (state.found && squared == state.best_squared && id > state.best.triangle))
-    return false;
-  state.best_squared = squared;
-  state.best = {q.cast<float>(), 0.0f, id, feature};
-  state.found = true;
-  args->query->radius = std::nextafter(static_cast<float>(std::sqrt(squared)), 1e30f);
-  return true;
-}
-
-}  // namespace
 
 struct RayScene::Impl {
   TriangleMesh mesh;
-  std::vector<Eigen::Vector3f> normals;
   RTCDevice device = nullptr;
   RTCScene scene = nullptr;
 
@@ -64,8 +21,6 @@ RayScene::RayScene(TriangleMesh mesh) : impl_(std::make_unique<Impl>()) {
   if (mesh.triangles.empty()) throw InputError("a mesh without triangles cannot be used for ray casting");
   impl_->mesh = std::move(mesh);
   const TriangleMesh& m = impl_->mesh;
-  impl_->normals.resize(m.triangles.size());
-  for (size_t t = 0; t < m.triangles.size(); ++t) impl_->normals[t] = m.normal(t);
 
   impl_->device = rtcNewDevice(nullptr);
   impl_->scene = rtcNewScene(impl_->device);
@@ -129,33 +84,6 @@ bool RayScene::occluded(const Eigen::Vector3f& from, const Eigen::Vector3f& to) 
   rtcInitIntersectContext(&context);
   rtcOccluded1(impl_->scene, &context, &ray);
   return ray.tfar < 0;
-}
-
-std::optional<RayScene::Closest> RayScene::closest(const Eigen::Vector3f& point, float max_distance) const {
-  return closest_facing(point, max_distance, Eigen::Vector3f::Zero(), -2.0f);
-}
-
-std::optional<RayScene::Closest> RayScene::closest_facing(const Eigen::Vector3f& point, float max_distance,
-                                                          const Eigen::Vector3f& direction,
-                                                          float min_cosine) const {
-  QueryState state;
-  state.mesh = &impl_->mesh;
-  if (min_cosine > -1.0f) state.normals = &impl_->normals;
-  state.point = point;
-  state.direction = direction;
-  state.min_cosine = min_cosine;
-  state.best_squared = static_cast<double>(max_distance) * max_distance;
-  RTCPointQuery query{};
-  query.x = point.x();
-  query.y = point.y();
-  query.z = point.z();
-  query.radius = max_distance;
-  RTCPointQueryContext context;
-  rtcInitPointQueryContext(&context);
-  rtcPointQuery(impl_->scene, &query, &context, visit_triangle, &state);
-  if (!state.found) return std::nullopt;
-  state.best.distance = static_cast<float>(std::sqrt(state.best_squared));
-  return state.best;
 }
 
 }  // namespace gantry

@@ -55,7 +55,7 @@ AlignmentResult align_to_model(const PointCloud& cloud, const SignedDistance& mo
       }
       if (!value) return;
       // The plane of the closest face, not the edge's pseudonormal: a slide along it must cost nothing.
-      pair.normal = model.scene().mesh().normal(value->triangle).cast<double>();
+      pair.normal = model.mesh().normal(value->triangle).cast<double>();
       pair.distance = pair.normal.dot(pair.point - value->closest.cast<double>());
       pair.found = true;
     });

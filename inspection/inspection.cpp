@@ -9,6 +9,8 @@
 
 #include "defects.h"
 #include "gantry/foundation/error.h"
+#include "gantry/geometry/spatial_order.h"
+#include "gantry/geometry/surface_index.h"
 #include "local_surface.h"
 #include "surface_coverage.h"
 
@@ -43,10 +45,16 @@ PointCloud transformed(const PointCloud& cloud, const Pose& pose) {
 std::vector<float> fixture_distances(const PointCloud& cloud, const InspectionOptions& options) {
   std::vector<float> distances(cloud.size(), std::numeric_limits<float>::infinity());
   if (!options.fixture) return distances;
-  const RayScene fixture(*options.fixture);
+  const SurfaceIndex fixture(*options.fixture);
   const auto reach = static_cast<float>(options.max_distance_mm + options.fixture_margin_mm);
-  tbb::parallel_for(size_t{0}, cloud.size(), [&](size_t i) {
-    if (const auto closest = fixture.closest(cloud.points[i], reach)) distances[i] = closest->distance;
+  for_each_run(cloud.points, [&](std::span<const uint32_t> run) {
+    int near = -1;
+    for (const uint32_t i : run) {
+      const auto closest = fixture.closest(cloud.points[i], reach, near);
+      if (!closest) continue;
+      distances[i] = closest->distance;
+      near = closest->triangle;
+    }
   });
   return distances;
 }
@@ -175,10 +183,7 @@ InspectionResult inspect(const PointCloud& cloud, const SignedDistance& referenc
   std::vector<Eigen::Vector3f> foot(n), foot_normal(n);
   const auto min_cosine = static_cast<float>(std::cos(options.max_angle_rad));
   const auto reach = static_cast<float>(options.max_distance_mm);
-  tbb::parallel_for(size_t{0}, n, [&](size_t i) {
-    const Eigen::Vector3f& p = surface.points[i];
-    const auto value =
-        cloud.has_normals() ? reference(p, result.cloud.normals[i], min_cosine, reach) : reference(p, reach);
+  const auto judge = [&](size_t i, const std::optional<SignedDistance::Value>& value) {
     const float distance = value ? std::abs(value->distance) : std::numeric_limits<float>::infinity();
     if (to_fixture[i] < std::max(static_cast<float>(options.fixture_margin_mm), distance) &&
         std::isfinite(to_fixture[i])) {
@@ -188,7 +193,17 @@ InspectionResult inspect(const PointCloud& cloud, const SignedDistance& referenc
       result.deviation_mm[i] = value->distance;
       result.uncertainty_mm[i] = standard_uncertainty(result, options, i, surface, *value);
       foot[i] = value->closest;
-      foot_normal[i] = reference.scene().mesh().normal(value->triangle);
+      foot_normal[i] = reference.mesh().normal(value->triangle);
+    }
+  };
+  for_each_run(surface.points, [&](std::span<const uint32_t> run) {
+    int near = -1;
+    for (const uint32_t i : run) {
+      const Eigen::Vector3f& p = surface.points[i];
+      const auto value = cloud.has_normals() ? reference(p, result.cloud.normals[i], min_cosine, reach, near)
+                                             : reference(p, reach, near);
+      if (value) near = value->triangle;
+      judge(i, value);
     }
   });
   PointCloud feet;  // where the judged points stand on the CAD surface
@@ -199,7 +214,7 @@ InspectionResult inspect(const PointCloud& cloud, const SignedDistance& referenc
   }
 
   result.statistics = statistics_of(result.deviation_mm, options.tolerance_mm);
-  result.coverage = internal::surface_coverage(reference.scene().mesh(), feet, 1.0);
+  result.coverage = internal::surface_coverage(reference.mesh(), feet, 1.0);
   internal::find_defects(result, surface, reference, options);
   decide(result, options);
   return result;

@@ -1,7 +1,3 @@
-#include <spawn.h>
-#include <sys/wait.h>
-#include <unistd.h>
-
 #include <algorithm>
 #include <fstream>
 
@@ -9,6 +5,7 @@
 #include "gantry/foundation/error.h"
 #include "gantry/fusion/poses_file.h"
 #include "markdown.h"
+#include "process.h"
 
 namespace gantry::bench {
 namespace {
@@ -19,14 +16,6 @@ struct Measured {
   Spent preparation, registration;
   double memory_mb = 0;
 };
-
-/// One line of /proc/self/status, in MB.
-double memory_mb(const std::string& key) {
-  std::ifstream status("/proc/self/status");
-  for (std::string line; std::getline(status, line);)
-    if (line.starts_with(key + ":")) return std::stod(line.substr(key.size() + 1)) / 1024;
-  throw InputError("/proc/self/status: has no " + key);
-}
 
 std::filesystem::path scan_path(const std::filesystem::path& folder, size_t i) {
   return folder / text("scan_%02zu.raw", i);
@@ -74,18 +63,8 @@ Matrix6d read_prior(const std::filesystem::path& path) {
 }
 
 Measured measure_in_child(const std::filesystem::path& folder, const std::string& method, int threads) {
-  std::vector<std::string> words = {"gantry-bench-registration", "--measure",     method,
-                                    "--measure-scans",           folder.string(), "--threads",
-                                    std::to_string(threads)};
-  std::vector<char*> arguments;
-  for (std::string& word : words) arguments.push_back(word.data());
-  arguments.push_back(nullptr);
-  pid_t child = 0;
-  if (posix_spawn(&child, "/proc/self/exe", nullptr, nullptr, arguments.data(), environ) != 0)
-    throw InputError("cannot start a process to measure " + method);
-  int status = 0;
-  waitpid(child, &status, 0);
-  if (status != 0) throw InputError("the process that measured " + method + " failed");
+  run_process({"/proc/self/exe", "--measure", method, "--measure-scans", folder.string(), "--threads",
+               std::to_string(threads)});
   Measured m;
   std::ifstream file(folder / "measured.txt");
   file >> m.preparation.wall_s >> m.preparation.cpu_s >> m.registration.wall_s >> m.registration.cpu_s >>
@@ -93,19 +72,6 @@ Measured measure_in_child(const std::filesystem::path& folder, const std::string
   if (!file) throw InputError((folder / "measured.txt").string() + ": cannot be read");
   return m;
 }
-
-/// Removed with all that it holds, also when a measurement fails.
-struct TemporaryFolder {
-  std::filesystem::path path =
-      std::filesystem::temp_directory_path() / text("gantry-bench-%d", static_cast<int>(getpid()));
-  TemporaryFolder() { std::filesystem::create_directories(path); }
-  TemporaryFolder(const TemporaryFolder&) = delete;
-  TemporaryFolder& operator=(const TemporaryFolder&) = delete;
-  ~TemporaryFolder() {
-    std::error_code ignored;
-    std::filesystem::remove_all(path, ignored);
-  }
-};
 
 struct Load {
   std::string name;
@@ -119,7 +85,7 @@ struct Load {
 
 void measure_in_this_process(const std::filesystem::path& folder, const std::string& method_name) {
   const std::unique_ptr<Method> method = make_method(method_name);
-  const double before_mb = memory_mb("VmRSS");
+  const double before_mb = memory_mb();
   Spent preparation;
   size_t count = 0;
   for (; std::filesystem::exists(scan_path(folder, count)); ++count) {
@@ -140,7 +106,7 @@ void measure_in_this_process(const std::filesystem::path& folder, const std::str
   write_poses(folder / "found.txt", found);
   std::ofstream(folder / "measured.txt")
       << preparation.wall_s << ' ' << preparation.cpu_s << ' ' << result.registration.wall_s << ' '
-      << result.registration.cpu_s << ' ' << memory_mb("VmHWM") - before_mb << "\n";
+      << result.registration.cpu_s << ' ' << peak_memory_mb() - before_mb << "\n";
 }
 
 std::string time_and_memory(Bench& bench) {

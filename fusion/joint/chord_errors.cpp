@@ -80,14 +80,8 @@ Vector6d chord_errors(const RangeSurface& target, const RangeSurface& source, co
     const float inside_mm = target.rays.central ? n.dot(at.p) / surface.w * inside_w : -n.z() * inside_w;
 
     const double loss = scale_squared / (scale_squared + static_cast<double>(d) * d), weight = loss * loss;
-    const Eigen::Vector3d arm = part_from_target * at.p.cast<double>() - centre,
-                          normal = part_from_target.linear() * n.cast<double>();
-    sum.add(arm, normal, inside_mm, weight);
-    Eigen::Matrix<double, 6, 3> all;
-    all << cross_matrix(arm), Eigen::Matrix3d::Identity();
-    Vector6d a;
-    a << arm.cross(normal), normal;
-    sum.tilts += gates.normal_variance * weight * (all * all.transpose() - a * a.transpose());
+    sum.add(part_from_target * at.p.cast<double>() - centre, part_from_target.linear() * n.cast<double>(),
+            inside_mm, weight, gates.normal_variance);
   });
   if (sum.matches == 0) return Vector6d::Zero();
   sum.take_out_tilts();

@@ -23,15 +23,11 @@ void add(EdgeSums& sums, const Eigen::Vector3d& arm, const Eigen::Vector3d& dire
   direction.cwiseAbs().maxCoeff(&axis);
   PairSum& sum = sums[static_cast<size_t>(2 * axis + (direction[axis] > 0 ? 1 : 0))];
   const double loss = scale_squared / (scale_squared + residual * residual), weight = loss * loss;
-  sum.add(arm, direction, residual, weight);
+  sum.add(arm, direction, residual, weight, tilt_variance);
   sum.cost += weight * residual * residual;
   sum.offset += weight * residual;
-  Eigen::Matrix<double, 6, 3> all;
-  all << cross_matrix(arm), Eigen::Matrix3d::Identity();
-  Vector6d a;
-  a << arm.cross(direction), direction;
-  sum.directions += weight * a;
-  sum.tilts += tilt_variance * weight * (all * all.transpose() - a * a.transpose());
+  sum.directions.head<3>() += weight * arm.cross(direction);
+  sum.directions.tail<3>() += weight * direction;
 }
 
 }  // namespace

@@ -22,7 +22,9 @@ struct PairSum {
   double cost = 0;       ///< sum of robust costs
   size_t matches = 0;
 
-  void add(const Eigen::Vector3d& arm, const Eigen::Vector3d& n, double r, double w) {
+  /// `arm` is p - centre; noise tilts n about each axis across it with a variance of `tilt_variance` (rad^2).
+  void add(const Eigen::Vector3d& arm, const Eigen::Vector3d& n, double r, double w,
+           double tilt_variance = 0) {
     Vector6d a;
     a << arm.cross(n), n;
     hessian.noalias() += w * a * a.transpose();
@@ -30,6 +32,11 @@ struct PairSum {
     weight += w;
     stiffness += w;
     ++matches;
+    if (tilt_variance == 0) return;
+    Eigen::Matrix<double, 6, 3> of_any_direction;
+    of_any_direction << cross_matrix(arm), Eigen::Matrix3d::Identity();
+    tilts.noalias() +=
+        tilt_variance * w * (of_any_direction * of_any_direction.transpose() - a * a.transpose());
   }
   PairSum& operator+=(const PairSum& o);
 

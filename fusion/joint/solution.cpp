@@ -6,6 +6,7 @@
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "joint/align_fine.h"
 #include "joint/chord_errors.h"
@@ -85,6 +86,7 @@ std::vector<double> leave_one_out(const JointProblem& problem, const Pairs& pair
       const Vector6d relative = step.segment<6>(static_cast<Eigen::Index>(6 * i)) -
                                 step.segment<6>(static_cast<Eigen::Index>(6 * base));
       const double moves_mm = relative.tail<3>().norm() + problem.radius_mm * relative.head<3>().norm();
+      if (!std::isfinite(moves_mm)) moved[left_out] = std::numeric_limits<double>::infinity();
       if (moves_mm <= moved[left_out] || moves_mm <= kLeastMotion_mm) continue;
       Eigen::VectorXd along = Eigen::VectorXd::Zero(step.size());  // of the motion, at the part's radius
       Vector6d length;

@@ -12,6 +12,7 @@
 #include "distances/sorted_points.h"
 #include "distances/statistics.h"
 #include "gantry/foundation/error.h"
+#include "gantry/geometry/spatial_order.h"
 #include "gantry/geometry/surface_samples.h"
 
 namespace gantry {
@@ -133,7 +134,7 @@ class Comparison {
  public:
   Comparison(const PointCloud& compared, const DistanceReference& reference, const DistanceOptions& options)
       : options_(options),
-        order_(internal::morton_order(compared.points)),
+        order_(morton_order(compared.points)),
         a_(internal::morton_sorted(compared)),
         b_(reference.cloud()),
         reference_(reference) {}
@@ -244,10 +245,14 @@ class Comparison {
   void cloud_to_mesh(DistanceResult& r) {
     require(reference_.mesh(), "cloud-to-mesh needs a mesh as the reference, not a cloud");
     r.distance_mm.resize(a_.size());
-    tbb::parallel_for(size_t{0}, a_.size(), [&](size_t i) {
-      const auto value = (*reference_.mesh())(a_.points[i], kAnywhere);
-      require(value.has_value(), "the cloud is too far from the mesh to be compared");
-      r.distance_mm[i] = value->distance;
+    for_each_run(a_.points, [&](std::span<const uint32_t> run) {
+      int near = -1;
+      for (const uint32_t i : run) {
+        const auto value = (*reference_.mesh())(a_.points[i], kAnywhere, near);
+        require(value.has_value(), "the cloud is too far from the mesh to be compared");
+        r.distance_mm[i] = value->distance;
+        near = value->triangle;
+      }
     });
     r.value = mean_magnitude_of(r.distance_mm);
   }

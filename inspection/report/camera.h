@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include "gantry/geometry/ray_scene.h"
 #include "gantry/geometry/triangle_mesh.h"
 #include "gantry/inspection/inspection.h"
 

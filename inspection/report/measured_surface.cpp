@@ -117,7 +117,7 @@ std::vector<Surfel> supported(const std::vector<Surfel>& surfels, float radius_m
 MeasuredSurface measured_surface(const InspectionResult& result, const SignedDistance& reference,
                                  const InspectionOptions& options) {
   const PointCloud& cloud = result.cloud;
-  const TriangleMesh& mesh = reference.scene().mesh();
+  const TriangleMesh& mesh = reference.mesh();
   const auto max_distance = static_cast<float>(options.max_distance_mm);
   const auto min_cosine = static_cast<float>(std::cos(options.max_angle_rad));
   std::vector<Foot> feet(cloud.size());

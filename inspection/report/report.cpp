@@ -48,7 +48,7 @@ std::filesystem::path write_report(const std::filesystem::path& folder, const In
   write_deviations(folder / "deviations.ply", result);
   report::write_file(folder / "report.json", report::report_json(result, options, traceability));
 
-  const RayScene& cad = reference.scene();
+  const RayScene cad(reference.mesh());
   const report::ColourScale colours(options.tolerance_mm);
   const report::MeasuredSurface measured = report::measured_surface(result, reference, options);
   std::vector<report::Picture> overviews, close_ups;

@@ -11,6 +11,7 @@
 
 #include "foundation/expect_input_error.h"
 #include "fusion/scenes.h"
+#include "gantry/geometry/surface_index.h"
 #include "geometry/solids.h"
 
 namespace gantry {
@@ -150,7 +151,7 @@ TEST(Fusion, MergesNoScanThatIsLeftOut) {
     EXPECT_EQ(result.advice.empty(), allowed == 1) << result.advice;
     ASSERT_EQ(result.scans.size(), 4u);
     for (size_t i = 0; i < 4; ++i) EXPECT_EQ(result.scans[i].left_out.empty(), i != 2) << i;
-    const RayScene part(make_bracket());
+    const SurfaceIndex part(make_bracket());
     ASSERT_GT(result.merged.size(), 10000u);
     size_t far = 0;
     for (const auto& p : result.merged.points) far += !part.closest(p, 0.3f).has_value();
@@ -191,7 +192,7 @@ TEST_P(FusionMethod, DoesNotCareWhereTheOriginIs) {
 
 TEST(Fusion, MergedCloudLiesOnThePart) {
   const FusionResult result = fuse(bracket_views().scans);
-  const RayScene part(make_bracket());
+  const SurfaceIndex part(make_bracket());
   ASSERT_GT(result.merged.size(), 10000u);
   ASSERT_TRUE(result.merged.has_normals());
   ASSERT_TRUE(result.merged.has_sigma());

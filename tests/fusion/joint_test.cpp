@@ -433,12 +433,7 @@ TEST(PairSum, BelievesNothingOfWhatTiltsAlonePretend) {
   for (int i = 0; i < 1000; ++i) {
     const Eigen::Vector3d arm(place(random), place(random), 0);
     const Eigen::Vector3d n = Eigen::Vector3d(0.02 * normal(random), 0.02 * normal(random), 1).normalized();
-    sum.add(arm, n, 0.05 * normal(random), 1);
-    Eigen::Matrix<double, 6, 3> all;
-    all << cross_matrix(arm), Eigen::Matrix3d::Identity();
-    Vector6d a;
-    a << arm.cross(n), n;
-    sum.tilts += 0.0004 * (all * all.transpose() - a * a.transpose());
+    sum.add(arm, n, 0.05 * normal(random), 1, 0.0004);
   }
   internal::PairSum clean = sum;
   clean.take_out_tilts();

@@ -7,6 +7,7 @@
 
 #include "foundation/expect_input_error.h"
 #include "fusion/scenes.h"
+#include "gantry/geometry/surface_index.h"
 #include "gantry/sim/scan_set.h"
 #include "geometry/solids.h"
 #include "range_image/grid_normals.h"
@@ -162,15 +163,15 @@ TEST(GridNormals, AgreeWithBruteForceWhereverPixelsAreMissing) {
 struct Quality {
   double distance_mm, angle_rad;
 };
-Quality quality_of(const RangeSurface& surface, const Pose& scene_from_sensor, const RayScene& scene) {
+Quality quality_of(const RangeSurface& surface, const Pose& part_from_sensor, const SurfaceIndex& part) {
   const PointCloud cloud = surface_cloud(surface);
   std::vector<double> distances, angles;
   for (size_t i = 0; i < cloud.size(); i += 17) {
-    const Eigen::Vector3f p = (scene_from_sensor * cloud.points[i].cast<double>()).cast<float>();
-    const Eigen::Vector3f n = (scene_from_sensor.linear() * cloud.normals[i].cast<double>()).cast<float>();
-    const auto closest = scene.closest(p, 5);
+    const Eigen::Vector3f p = (part_from_sensor * cloud.points[i].cast<double>()).cast<float>();
+    const Eigen::Vector3f n = (part_from_sensor.linear() * cloud.normals[i].cast<double>()).cast<float>();
+    const auto closest = part.closest(p, 5);
     if (!closest) continue;
-    const Eigen::Vector3f m = scene.mesh().normal(static_cast<size_t>(closest->triangle));
+    const Eigen::Vector3f m = part.mesh().normal(static_cast<size_t>(closest->triangle));
     distances.push_back(std::abs(m.dot(p - closest->point)));
     angles.push_back(std::acos(std::clamp(m.dot(n), -1.0f, 1.0f)));
   }
@@ -195,7 +196,8 @@ TEST(RangeSurface, IsAsGoodWithoutTheGrid) {
   EXPECT_GT(without.usable, with.usable * 6 / 10);
   EXPECT_NEAR(without.spacing_mm, with.spacing_mm, 0.3 * with.spacing_mm);
   EXPECT_LT(static_cast<double>(without.dropped_hidden), 0.01 * static_cast<double>(without.measured));
-  const Quality a = quality_of(with, pose, scene), b = quality_of(without, pose, scene);
+  const SurfaceIndex part(make_bracket());
+  const Quality a = quality_of(with, pose, part), b = quality_of(without, pose, part);
   EXPECT_LT(b.distance_mm, 1.15 * a.distance_mm);
   EXPECT_LT(b.angle_rad, 1.3 * a.angle_rad + 0.2 * kDegree);
 }

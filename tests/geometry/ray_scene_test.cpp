@@ -111,23 +111,6 @@ TEST(RayScene, BothSidesOfATriangleAreHit) {
   EXPECT_FALSE(scene.cast({0.2f, 0.2f, 5}, {0, 0, 1}).has_value());
 }
 
-TEST(RayScene, ClosestTellsTheFeatureItLiesOn) {
-  using Feature = RayScene::Feature;
-  const RayScene scene({{{0, 0, 0}, {10, 0, 0}, {0, 10, 0}}, {{0, 1, 2}}});
-  const std::vector<std::pair<Eigen::Vector3f, Feature>> cases = {
-      {{2, 2, 3}, Feature::kFace},     {{5, -2, 1}, Feature::kEdge01},   {{7, 7, 1}, Feature::kEdge12},
-      {{-2, 5, 1}, Feature::kEdge20},  {{-1, -1, 1}, Feature::kVertex0}, {{15, -1, 1}, Feature::kVertex1},
-      {{-1, 15, 1}, Feature::kVertex2}};
-  for (const auto& [point, feature] : cases) {
-    const auto closest = scene.closest(point, 100);
-    ASSERT_TRUE(closest.has_value());
-    EXPECT_EQ(closest->feature, feature) << point.transpose();
-    EXPECT_NEAR(closest->distance, (closest->point - point).norm(), 1e-5);
-  }
-  EXPECT_FALSE(scene.closest({2, 2, 3}, 2.99f).has_value());
-  EXPECT_TRUE(scene.closest({2, 2, 3}, 3.01f).has_value());
-}
-
 TEST(RayScene, AnEmptyMeshIsRefused) {
   expect_input_error([] { RayScene scene{TriangleMesh{}}; }, {"triangles"});
 }

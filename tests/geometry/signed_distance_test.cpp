@@ -5,6 +5,7 @@
 #include <numbers>
 #include <random>
 
+#include "geometry/brute_distance.h"
 #include "geometry/solids.h"
 
 namespace gantry {
@@ -13,33 +14,7 @@ namespace {
 using Eigen::Vector3d;
 using Eigen::Vector3f;
 
-constexpr int kPointsPerSolid = 20'000;
-
-double squared_distance_to_segment(const Vector3d& p, const Vector3d& a, const Vector3d& b) {
-  const double s = std::clamp((p - a).dot(b - a) / (b - a).squaredNorm(), 0.0, 1.0);
-  return (a + s * (b - a) - p).squaredNorm();
-}
-
-/// In double, and by another way than the code under test: the plane's distance if the foot is inside,
-/// else the nearest of the three sides.
-double distance_to_triangle(const Vector3d& p, const Vector3d& a, const Vector3d& b, const Vector3d& c) {
-  const Vector3d n = (b - a).cross(c - a).normalized();
-  if ((b - a).cross(p - a).dot(n) >= 0 && (c - b).cross(p - b).dot(n) >= 0 &&
-      (a - c).cross(p - c).dot(n) >= 0)
-    return std::abs((p - a).dot(n));
-  return std::sqrt(std::min({squared_distance_to_segment(p, a, b), squared_distance_to_segment(p, b, c),
-                             squared_distance_to_segment(p, c, a)}));
-}
-
-struct Corners {
-  Vector3d a, b, c;
-};
-
-Corners corners(const TriangleMesh& mesh, size_t t) {
-  const Eigen::Vector3i& tri = mesh.triangles[t];
-  return {mesh.vertices[tri[0]].cast<double>(), mesh.vertices[tri[1]].cast<double>(),
-          mesh.vertices[tri[2]].cast<double>()};
-}
+constexpr int kPointsPerSolid = 20'000, kPointsForSigns = 200'000;
 
 /// Winding number: the solid angles of all triangles (van Oosterom and Strackee, 1983) over 4 pi.
 bool brute_inside(const TriangleMesh& mesh, const Vector3d& p) {
@@ -51,26 +26,6 @@ bool brute_inside(const TriangleMesh& mesh, const Vector3d& p) {
     angle += 2 * std::atan2(a.dot(b.cross(c)), la * lb * lc + a.dot(b) * lc + b.dot(c) * la + c.dot(a) * lb);
   }
   return angle > 2 * std::numbers::pi;
-}
-
-double brute_distance(const TriangleMesh& mesh, const Vector3d& p) {
-  double best = 1e300;
-  for (size_t t = 0; t < mesh.triangles.size(); ++t) {
-    const auto [a, b, c] = corners(mesh, t);
-    best = std::min(best, distance_to_triangle(p, a, b, c));
-  }
-  return best;
-}
-
-double brute_facing_distance(const TriangleMesh& mesh, const Vector3d& p, const Vector3d& normal,
-                             double min_cosine) {
-  double best = 1e300;
-  for (size_t t = 0; t < mesh.triangles.size(); ++t) {
-    const auto [a, b, c] = corners(mesh, t);
-    if ((b - a).cross(c - a).normalized().dot(normal) >= min_cosine)
-      best = std::min(best, distance_to_triangle(p, a, b, c));
-  }
-  return best;
 }
 
 /// Points where signs go wrong: around vertices, around edges and above faces, at distances spread
@@ -114,7 +69,7 @@ TEST_P(SignedDistanceOf, AgreesWithBruteForceInValueAndSign) {
   const SignedDistance signed_distance(mesh);
   NearPoints points(mesh);
   int inside_count = 0, wrong = 0;
-  for (int i = 0; i < kPointsPerSolid; ++i) {
+  for (int i = 0; i < kPointsForSigns; ++i) {
     const Vector3f p = points.next();
     const double distance = brute_distance(mesh, p.cast<double>());
     const bool inside = brute_inside(mesh, p.cast<double>());
@@ -123,12 +78,13 @@ TEST_P(SignedDistanceOf, AgreesWithBruteForceInValueAndSign) {
     ASSERT_NEAR(std::abs(value->distance), distance, 1e-4) << p.transpose();
     ASSERT_NEAR((value->closest - p).norm(), distance, 1e-4);
     ASSERT_NEAR(value->normal.norm(), 1, 1e-5);
+    ASSERT_FALSE(value->at_border);
     inside_count += inside;
     if (distance > kResolution_mm) wrong += (value->distance < 0) != inside;
   }
   EXPECT_EQ(wrong, 0);
-  EXPECT_GT(inside_count, kPointsPerSolid / 50);
-  EXPECT_LT(inside_count, kPointsPerSolid * 9 / 10);
+  EXPECT_GT(inside_count, kPointsForSigns / 50);
+  EXPECT_LT(inside_count, kPointsForSigns * 9 / 10);
 }
 
 TEST_P(SignedDistanceOf, IsTheSameWithSplitVertices) {
@@ -182,6 +138,62 @@ TEST(SignedDistance, ThePlateKeepsItsTwoFacesApart) {
     EXPECT_NEAR(bottom->distance, -bend, 1e-5);
     EXPECT_NEAR(top->closest.z(), 1, 1e-6);
     EXPECT_NEAR(bottom->closest.z(), 0, 1e-6);
+  }
+}
+
+TEST(SignedDistance, OfAnOpenMeshTheBorderIsTold) {
+  // A cube without its top: the sides still tell what is inside, and at the rim it is said that they end.
+  TriangleMesh cup = box_mesh({-20, -20, -20}, {20, 20, 20});
+  std::erase_if(cup.triangles, [&](const Eigen::Vector3i& t) {
+    return cup.vertices[t[0]].z() > 0 && cup.vertices[t[1]].z() > 0 && cup.vertices[t[2]].z() > 0;
+  });
+  ASSERT_EQ(cup.triangles.size(), 10u);
+  const SignedDistance distance(cup);
+  const auto bottom = distance({0, 0, -18}, 100), side = distance({22, 3, 0}, 100);
+  EXPECT_NEAR(bottom->distance, -2, 1e-5);
+  EXPECT_NEAR(side->distance, 2, 1e-5);
+  EXPECT_FALSE(bottom->at_border);
+  EXPECT_FALSE(side->at_border);
+  EXPECT_TRUE(distance({19, 3, 25}, 100)->at_border);   // nearest to the rim's edge
+  EXPECT_TRUE(distance({25, 25, 25}, 100)->at_border);  // nearest to its corner
+  EXPECT_FALSE(distance({25, 25, -25}, 100)->at_border);
+}
+
+TEST(SignedDistance, AnEdgeOfThreeTrianglesTakesAllOfThemIntoAccount) {
+  // A fin stands on an edge of the cube, in the plane of its front.
+  TriangleMesh mesh = box_mesh({0, 0, 0}, {10, 10, 10});
+  mesh.vertices.emplace_back(5, 0, 20);
+  mesh.triangles.emplace_back(4, 5, 8);
+  const SignedDistance distance(mesh);
+  EXPECT_NEAR(distance({5, 5, 9}, 100)->distance, -1, 1e-5);
+  EXPECT_NEAR(distance({5, 5, 11}, 100)->distance, 1, 1e-5);
+  EXPECT_NEAR(distance({5, -1, 10}, 100)->distance, 1, 1e-5);
+  EXPECT_NEAR(distance({5, -1, 15}, 100)->distance, 1, 1e-5);  // in front of the fin
+  EXPECT_NEAR(distance({5, 1, 15}, 100)->distance, -1, 1e-5);  // behind it: it has no thickness
+}
+
+TEST(SignedDistance, ASheetWithBothItsSidesHasNoInside) {
+  TriangleMesh sheet{{{0, 0, 0}, {10, 0, 0}, {0, 10, 0}}, {{0, 1, 2}, {0, 2, 1}}};
+  const SignedDistance distance(sheet);
+  EXPECT_NEAR(distance({-3, 0, 0}, 100)->distance, 3, 1e-5);
+  EXPECT_NEAR(distance({-3, 0, 0}, 100)->normal.norm(), 0, 1e-5);
+}
+
+TEST(SignedDistance, TrianglesWithoutAreaDoNotDisturb) {
+  TriangleMesh cube = box_mesh({-20, -20, -20}, {20, 20, 20});
+  const SignedDistance clean(cube);
+  cube.triangles.emplace_back(3, 3, 7);  // a line
+  cube.triangles.emplace_back(5, 5, 5);  // a point
+  cube.vertices.emplace_back(0, 20, 20);
+  cube.triangles.emplace_back(6, 8, 7);  // three points on an edge
+  const SignedDistance distance(cube);
+  NearPoints points(clean.mesh());
+  for (int i = 0; i < kPointsPerSolid; ++i) {
+    const Vector3f p = points.next();
+    const auto a = clean(p, 1000), b = distance(p, 1000);
+    ASSERT_EQ(a->distance, b->distance) << p.transpose();
+    ASSERT_EQ(a->triangle, b->triangle);
+    ASSERT_FALSE(b->at_border);
   }
 }
 

@@ -10,6 +10,7 @@
 
 #include "gantry/geometry/mesh_file.h"
 #include "gantry/geometry/mesh_topology.h"
+#include "gantry/geometry/ray_scene.h"
 #include "gantry/geometry/signed_distance.h"
 
 namespace gantry {

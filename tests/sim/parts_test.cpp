@@ -10,6 +10,7 @@
 
 #include "gantry/geometry/mesh_topology.h"
 #include "gantry/geometry/ray_scene.h"
+#include "gantry/geometry/surface_index.h"
 
 namespace gantry {
 namespace {
@@ -104,10 +105,10 @@ TEST(Parts, AreTheSameEveryTime) {
 
 /// The furthest that any vertex of the moved (or mirrored) mesh lies from the mesh as it was.
 float worst_distance(const TriangleMesh& mesh, const Eigen::Affine3f& motion) {
-  const RayScene scene(mesh);
+  const SurfaceIndex surface(mesh);
   float worst = 0;
   for (size_t i = 0; i < mesh.vertices.size(); i += 7) {
-    const auto closest = scene.closest(motion * mesh.vertices[i], 100);
+    const auto closest = surface.closest(motion * mesh.vertices[i], 100);
     worst = std::max(worst, closest ? closest->distance : 100.0f);
   }
   return worst;

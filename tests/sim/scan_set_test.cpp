@@ -6,6 +6,7 @@
 #include <cstring>
 
 #include "foundation/expect_input_error.h"
+#include "gantry/geometry/surface_index.h"
 #include "gantry/sim/views.h"
 #include "geometry/solids.h"
 
@@ -45,6 +46,7 @@ TEST(ScaledToHeight, RefusesWhatHasNoHeight) {
 TEST(ScanSet, EveryViewIsAScanOfItsOwn) {
   const TriangleMesh part = box_mesh({0, 0, 0}, {90, 70, 50});
   const RayScene scene(part);
+  const SurfaceIndex surface(part);
   const std::vector<Pose> truth = poisson_disc_views(part, tiny_sensor(), 3, 1);
   const auto scan = [&](size_t view, uint64_t seed) {
     return scan_of_view(tiny_sensor(), scene, truth, view, seed);
@@ -56,7 +58,7 @@ TEST(ScanSet, EveryViewIsAScanOfItsOwn) {
     // In the sensor's frame, so that the view's pose puts it onto the part; mixed pixels hang in the air.
     size_t off = 0;
     for (size_t i = 0; i < s.points.size(); ++i)
-      off += s.valid(i) && !scene.closest((truth[view] * s.points[i].cast<double>()).cast<float>(), 0.5f);
+      off += s.valid(i) && !surface.closest((truth[view] * s.points[i].cast<double>()).cast<float>(), 0.5f);
     EXPECT_LT(static_cast<double>(off), 0.3 * static_cast<double>(s.valid_count())) << view;
     EXPECT_TRUE(same_bits(s, scan(view, 1)));
     EXPECT_FALSE(same_bits(s, scan(view, 2)));
