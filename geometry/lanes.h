@@ -18,7 +18,8 @@ constexpr int kLanes = 8;
 using Lanes = float __attribute__((vector_size(32), aligned(32)));
 using LaneMask = int32_t __attribute__((vector_size(32), aligned(32)));
 
-#if defined(__x86_64__) && !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
+#if defined(__x86_64__) && defined(__GLIBC__) && !defined(__SANITIZE_ADDRESS__) && \
+    !defined(__SANITIZE_THREAD__)
 // Not under sanitizers: the choice runs before their start-up has.
 #define GANTRY_FOR_EACH_CPU __attribute__((target_clones("avx2", "default")))
 #else

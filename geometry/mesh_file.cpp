@@ -6,12 +6,11 @@
 #include <algorithm>
 #include <assimp/Exporter.hpp>
 #include <assimp/Importer.hpp>
-#include <cmath>
-#include <numeric>
 
 #include "ascii_stl.h"
 #include "file_guard.h"
 #include "gantry/foundation/error.h"
+#include "joined_vertices.h"
 #include "point_table.h"
 
 namespace gantry {
@@ -20,17 +19,7 @@ namespace {
 /// Joins vertices at exactly the same position (STL repeats every vertex for every triangle) and drops
 /// triangles that this collapses.
 TriangleMesh joined(const TriangleMesh& soup) {
-  std::vector<int> order(soup.vertices.size());
-  std::iota(order.begin(), order.end(), 0);
-  std::sort(order.begin(), order.end(), [&](int a, int b) {
-    const Eigen::Vector3f &p = soup.vertices[a], &q = soup.vertices[b];
-    return std::tie(p.x(), p.y(), p.z(), a) < std::tie(q.x(), q.y(), q.z(), b);
-  });
-  std::vector<int> first(soup.vertices.size());
-  for (size_t i = 0; i < order.size(); ++i) {
-    const bool same = i > 0 && soup.vertices[order[i]] == soup.vertices[order[i - 1]];
-    first[order[i]] = same ? first[order[i - 1]] : order[i];
-  }
+  const std::vector<int> first = internal::joined_by_position(soup.vertices);
   TriangleMesh mesh;
   std::vector<int> renamed(soup.vertices.size(), -1);
   for (size_t i = 0; i < soup.vertices.size(); ++i) {

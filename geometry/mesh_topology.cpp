@@ -4,6 +4,8 @@
 #include <cstdint>
 #include <vector>
 
+#include "joined_vertices.h"
+
 namespace gantry {
 
 MeshTopology analyse_topology(const TriangleMesh& mesh) {
@@ -13,13 +15,14 @@ MeshTopology analyse_topology(const TriangleMesh& mesh) {
   };
   std::vector<DirectedEdge> edges;
   edges.reserve(3 * mesh.triangles.size());
+  const std::vector<int> joined = internal::joined_by_position(mesh.vertices);
   MeshTopology topology;
   for (size_t t = 0; t < mesh.triangles.size(); ++t) {
     const Eigen::Vector3i& tri = mesh.triangles[t];
     if (mesh.area(t) <= 0) ++topology.degenerate_triangles;
     for (int k = 0; k < 3; ++k) {
-      const auto a = static_cast<uint64_t>(tri[k]);
-      const auto b = static_cast<uint64_t>(tri[(k + 1) % 3]);
+      const auto a = static_cast<uint64_t>(joined[static_cast<size_t>(tri[k])]);
+      const auto b = static_cast<uint64_t>(joined[static_cast<size_t>(tri[(k + 1) % 3])]);
       edges.push_back({std::min(a, b) << 32 | std::max(a, b), a < b});
     }
   }

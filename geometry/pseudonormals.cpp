@@ -2,37 +2,30 @@
 
 #include <tbb/parallel_for.h>
 
-#include <bit>
+#include <algorithm>
 #include <cmath>
+#include <span>
+
+#include "joined_vertices.h"
 
 namespace gantry::internal {
 namespace {
 
-/// For every vertex the lowest index of a vertex at the same position.
-std::vector<int> joined_by_position(const std::vector<Eigen::Vector3f>& vertices) {
-  const size_t slots = std::bit_ceil(2 * vertices.size() + 1);
-  std::vector<int> table(slots, -1), joined(vertices.size());
-  for (size_t i = 0; i < vertices.size(); ++i) {
-    uint64_t hash = 0;
-    for (const float c : vertices[i])
-      hash = (hash ^ std::bit_cast<uint32_t>(c + 0.0f)) * 0x9e3779b97f4a7c15u;  // -0 is 0
-    size_t slot = (hash >> 20) & (slots - 1);
-    while (table[slot] >= 0 && vertices[static_cast<size_t>(table[slot])] != vertices[i])
-      slot = (slot + 1) & (slots - 1);
-    if (table[slot] < 0) table[slot] = static_cast<int>(i);
-    joined[i] = table[slot];
-  }
-  return joined;
-}
+/// What is left of unit normals that cancel, by rounding, for a total weight of one.
+constexpr double kCancelled = 1e-6;
 
-Eigen::Vector3d corner(const TriangleMesh& mesh, int triangle, int k) {
-  return mesh.vertices[static_cast<size_t>(mesh.triangles[static_cast<size_t>(triangle)][k])].cast<double>();
+Eigen::Vector3f unit_or_zero(const Eigen::Vector3d& sum, double weights) {
+  if (sum.norm() <= kCancelled * weights) return Eigen::Vector3f::Zero();
+  return sum.normalized().cast<float>();
 }
 
 }  // namespace
 
-Pseudonormals::Pseudonormals(const TriangleMesh& mesh)
-    : mesh_(mesh), joined_(joined_by_position(mesh.vertices)), first_(mesh.vertices.size() + 1, 0) {
+Pseudonormals::Pseudonormals(const TriangleMesh& mesh, const std::vector<Eigen::Vector3f>& normals)
+    : mesh_(mesh),
+      normals_(normals),
+      joined_(joined_by_position(mesh.vertices)),
+      first_(mesh.vertices.size() + 1, 0) {
   for (const Eigen::Vector3i& tri : mesh.triangles)
     for (const int v : tri) ++first_[static_cast<size_t>(joined_[static_cast<size_t>(v)]) + 1];
   for (size_t v = 1; v < first_.size(); ++v) first_[v] += first_[v - 1];
@@ -41,56 +34,90 @@ Pseudonormals::Pseudonormals(const TriangleMesh& mesh)
   for (size_t t = 0; t < mesh.triangles.size(); ++t)
     for (const int v : mesh.triangles[t])
       around_[next[static_cast<size_t>(joined_[static_cast<size_t>(v)])]++] = static_cast<int>(t);
-
-  vertex_normals_.assign(mesh.vertices.size(), Eigen::Vector3f::Zero());
-  vertex_at_border_.assign(mesh.vertices.size(), 0);
-  tbb::parallel_for(size_t{0}, mesh.vertices.size(), [&](size_t v) {
-    Eigen::Vector3d sum = Eigen::Vector3d::Zero();
-    for (uint32_t i = first_[v]; i < first_[v + 1]; ++i) {
-      const int t = around_[i];
-      for (int k = 0; k < 3; ++k) {
-        if (joined_[static_cast<size_t>(mesh.triangles[static_cast<size_t>(t)][k])] != static_cast<int>(v))
-          continue;
-        const Eigen::Vector3d a = corner(mesh, t, k), ab = corner(mesh, t, (k + 1) % 3) - a,
-                              ac = corner(mesh, t, (k + 2) % 3) - a, across = ab.cross(ac);
-        sum += std::atan2(across.norm(), ab.dot(ac)) * across.stableNormalized();
-        for (const int side : {k, (k + 2) % 3})
-          if (edge(t, side).triangles == 1) vertex_at_border_[v] = 1;
-      }
-    }
-    vertex_normals_[v] = sum.stableNormalized().cast<float>();
-  });
+  vertices_.resize(mesh.vertices.size());
+  tbb::parallel_for(size_t{0}, vertices_.size(),
+                    [&](size_t v) { vertices_[v] = of_vertex(static_cast<int>(v)); });
 }
 
-Pseudonormals::Edge Pseudonormals::edge(int triangle, int side) const {
-  const Eigen::Vector3i& tri = mesh_.triangles[static_cast<size_t>(triangle)];
-  auto here = static_cast<size_t>(joined_[static_cast<size_t>(tri[side])]),
-       there = static_cast<size_t>(joined_[static_cast<size_t>(tri[(side + 1) % 3])]);
-  if (first_[here + 1] - first_[here] > first_[there + 1] - first_[there]) std::swap(here, there);
-  Edge edge{Eigen::Vector3d::Zero(), 0};
-  for (uint32_t i = first_[here]; i < first_[here + 1]; ++i) {
-    const auto t = static_cast<size_t>(around_[i]);
-    for (const int v : mesh_.triangles[t]) {
-      if (static_cast<size_t>(joined_[static_cast<size_t>(v)]) != there) continue;
-      const Eigen::Vector3f n = mesh_.normal(t);
-      if (n.isZero()) continue;
-      edge.normals += n.cast<double>();
-      ++edge.triangles;
+Pseudonormals::Pseudonormal Pseudonormals::of_vertex(int vertex) const {
+  /// A triangle's corner here, and the vertices that follow and precede it.
+  struct Corner {
+    int next, previous, triangle, k;
+    bool operator<(const Corner& o) const {
+      return std::pair(next, previous) < std::pair(o.next, o.previous);
+    }
+    bool operator==(const Corner& o) const { return next == o.next && previous == o.previous; }
+  };
+  thread_local std::vector<Corner> corners;
+  thread_local std::vector<std::pair<int, bool>> ends;  // of the edges from here; of a triangle with area?
+  corners.clear();
+  ends.clear();
+  for (uint32_t i = first_[static_cast<size_t>(vertex)]; i < first_[static_cast<size_t>(vertex) + 1]; ++i) {
+    const int t = around_[i];
+    for (int k = 0; k < 3; ++k)
+      if (at(t, k) == vertex) corners.push_back({at(t, (k + 1) % 3), at(t, (k + 2) % 3), t, k});
+  }
+  std::sort(corners.begin(), corners.end());
+  corners.erase(std::unique(corners.begin(), corners.end()), corners.end());
+  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+  double angles = 0;
+  for (const Corner& c : corners) {
+    const bool has_area = !normals_[static_cast<size_t>(c.triangle)].isZero();
+    ends.emplace_back(c.next, has_area);
+    ends.emplace_back(c.previous, has_area);
+    if (!has_area) continue;
+    const auto corner = [&](int k) {
+      return mesh_.vertices[static_cast<size_t>(mesh_.triangles[static_cast<size_t>(c.triangle)][k % 3])]
+          .cast<double>();
+    };
+    const Eigen::Vector3d a = corner(c.k), ab = corner(c.k + 1) - a, ac = corner(c.k + 2) - a,
+                          across = ab.cross(ac);
+    const double doubled_area = across.norm();
+    const double angle = std::atan2(doubled_area, ab.dot(ac));
+    sum += angle / doubled_area * across;
+    angles += angle;
+  }
+  std::sort(ends.begin(), ends.end());
+  bool at_border = false;
+  for (size_t i = 0, j = 0; i < ends.size(); i = j) {
+    while (j < ends.size() && ends[j].first == ends[i].first) ++j;
+    at_border |= j - i == 1 && ends[i].second;
+  }
+  return {unit_or_zero(sum, angles), at_border};
+}
+
+Pseudonormals::Pseudonormal Pseudonormals::of_edge(int triangle, int side) const {
+  const int a = at(triangle, side), b = at(triangle, (side + 1) % 3);
+  const auto triangles_at = [&](int v) {
+    return std::span(around_).subspan(first_[static_cast<size_t>(v)],
+                                      first_[static_cast<size_t>(v) + 1] - first_[static_cast<size_t>(v)]);
+  };
+  const auto around_a = triangles_at(a), around_b = triangles_at(b);
+  thread_local std::vector<std::pair<int, int>> seen;  // where each runs, and its third corner
+  seen.clear();
+  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+  double count = 0;
+  for (const int t : around_a.size() <= around_b.size() ? around_a : around_b) {
+    for (int k = 0; k < 3; ++k) {
+      const int from = at(t, k), to = at(t, (k + 1) % 3);
+      if (!((from == a && to == b) || (from == b && to == a))) continue;
+      const std::pair corners(from, at(t, (k + 2) % 3));
+      if (std::find(seen.begin(), seen.end(), corners) != seen.end()) continue;
+      seen.push_back(corners);
+      const Eigen::Vector3f& n = normals_[static_cast<size_t>(t)];
+      sum += n.cast<double>();
+      count += n.isZero() ? 0 : 1;
     }
   }
-  return edge;
+  return {unit_or_zero(sum, count), seen.size() == 1 && count == 1};
 }
 
 Pseudonormals::Pseudonormal Pseudonormals::of(int triangle, TriangleFeature feature) const {
-  if (feature == TriangleFeature::kFace) return {mesh_.normal(static_cast<size_t>(triangle)), false};
-  if (feature < TriangleFeature::kVertex0) {
-    const Edge e = edge(triangle, static_cast<int>(feature) - static_cast<int>(TriangleFeature::kEdge01));
-    return {e.normals.stableNormalized().cast<float>(), e.triangles == 1};
-  }
+  if (feature == TriangleFeature::kFace) return {normals_[static_cast<size_t>(triangle)], false};
+  if (feature < TriangleFeature::kVertex0)
+    return of_edge(triangle, static_cast<int>(feature) - static_cast<int>(TriangleFeature::kEdge01));
   const int k = static_cast<int>(feature) - static_cast<int>(TriangleFeature::kVertex0);
-  const auto v =
-      static_cast<size_t>(joined_[static_cast<size_t>(mesh_.triangles[static_cast<size_t>(triangle)][k])]);
-  return {vertex_normals_[v], vertex_at_border_[v] != 0};
+  return vertices_[static_cast<size_t>(at(triangle, k))];
 }
 
 }  // namespace gantry::internal

@@ -5,16 +5,16 @@
 namespace gantry {
 
 SignedDistance::SignedDistance(TriangleMesh mesh)
-    : surface_(std::move(mesh)), pseudonormals_(std::make_unique<internal::Pseudonormals>(surface_.mesh())) {}
+    : surface_(std::move(mesh)),
+      pseudonormals_(std::make_unique<internal::Pseudonormals>(surface_.mesh(), surface_.normals())) {}
 
 SignedDistance::~SignedDistance() = default;
 SignedDistance::SignedDistance(SignedDistance&&) noexcept = default;
 SignedDistance& SignedDistance::operator=(SignedDistance&&) noexcept = default;
 
-SignedDistance::Value SignedDistance::signed_value(const Eigen::Vector3f& point,
-                                                   const SurfaceIndex::Closest& closest) const {
+SignedDistance::Value SignedDistance::signed_value(const SurfaceIndex::Closest& closest) const {
   const auto [normal, at_border] = pseudonormals_->of(closest.triangle, closest.feature);
-  const bool inside = (point - closest.point).dot(normal) < 0;
+  const bool inside = closest.offset.dot(normal) < 0;
   return {inside ? -closest.distance : closest.distance, closest.point, normal, closest.triangle, at_border};
 }
 
@@ -22,7 +22,7 @@ std::optional<SignedDistance::Value> SignedDistance::operator()(const Eigen::Vec
                                                                 float max_distance, int near_triangle) const {
   const auto closest = surface_.closest(point, max_distance, near_triangle);
   if (!closest) return std::nullopt;
-  return signed_value(point, *closest);
+  return signed_value(*closest);
 }
 
 std::optional<SignedDistance::Value> SignedDistance::operator()(const Eigen::Vector3f& point,
@@ -31,7 +31,7 @@ std::optional<SignedDistance::Value> SignedDistance::operator()(const Eigen::Vec
                                                                 int near_triangle) const {
   const auto closest = surface_.closest_facing(point, max_distance, normal, min_cosine, near_triangle);
   if (!closest) return std::nullopt;
-  return signed_value(point, *closest);
+  return signed_value(*closest);
 }
 
 }  // namespace gantry

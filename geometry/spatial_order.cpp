@@ -13,15 +13,16 @@
 namespace gantry {
 namespace {
 
-constexpr int kBitsPerAxis = 10, kDigitBits = 10, kDigits = 3 * kBitsPerAxis / kDigitBits;
+constexpr int kBitsPerAxis = 16, kDigitBits = 12, kDigits = 3 * kBitsPerAxis / kDigitBits;
 constexpr size_t kRun = 1024;
 
-/// Moves the lowest ten bits apart, two zeros between any two.
-uint32_t spread(uint32_t x) {
-  x = (x | x << 16) & 0x030000ff;
-  x = (x | x << 8) & 0x0300f00f;
-  x = (x | x << 4) & 0x030c30c3;
-  return (x | x << 2) & 0x09249249;
+/// Moves the lowest 21 bits apart, two zeros between any two.
+uint64_t spread(uint64_t x) {
+  x = (x | x << 32) & 0x001f00000000ffff;
+  x = (x | x << 16) & 0x001f0000ff0000ff;
+  x = (x | x << 8) & 0x100f00f00f00f00f;
+  x = (x | x << 4) & 0x10c30c30c30c30c3;
+  return (x | x << 2) & 0x1249249249249249;
 }
 
 }  // namespace
@@ -36,21 +37,22 @@ std::vector<uint32_t> morton_order(std::span<const Eigen::Vector3f> points) {
   const double cells = longest > 0 ? ((1 << kBitsPerAxis) - 1) / longest : 0;
 
   struct Entry {
-    uint32_t code, index;
+    uint64_t code;
+    uint32_t index;
   };
   std::vector<Entry> entries(points.size()), sorted(points.size());
   tbb::parallel_for(size_t{0}, points.size(), [&](size_t i) {
-    uint32_t code = 0;
+    uint64_t code = 0;
     if (points[i].allFinite()) {
       const Eigen::Vector3d at = (points[i].cast<double>() - box.min()) * cells;
-      for (int axis = 0; axis < 3; ++axis) code |= spread(static_cast<uint32_t>(at[axis])) << axis;
+      for (int axis = 0; axis < 3; ++axis) code |= spread(static_cast<uint64_t>(at[axis])) << axis;
     }
     entries[i] = {code, static_cast<uint32_t>(i)};
   });
   // By digits, the least significant first: each pass keeps the order of the one before.
   for (int digit = 0; digit < kDigits; ++digit) {
     const auto digit_of = [digit](const Entry& e) {
-      return (e.code >> (digit * kDigitBits)) & ((1u << kDigitBits) - 1);
+      return (e.code >> (digit * kDigitBits)) & ((uint64_t{1} << kDigitBits) - 1);
     };
     std::array<size_t, 1 << kDigitBits> place{};
     for (const Entry& e : entries) ++place[digit_of(e)];

@@ -1,5 +1,7 @@
 #include "gantry/geometry/surface_index.h"
 
+#include <tbb/parallel_for.h>
+
 #include <bit>
 #include <cmath>
 
@@ -15,17 +17,19 @@ using namespace internal;
 constexpr float kRounding = 1.0f / (1 << 20);
 
 struct Query {
-  Query(const SurfaceTree& searched, const TriangleMesh& of, const Eigen::Vector3f& from, float max_distance)
+  Query(const SurfaceTree& searched, const TriangleMesh& of, const Eigen::Vector3f& from, float reach)
       : tree(searched),
         mesh(of),
         point(from),
-        best_squared(static_cast<double>(max_distance) * max_distance) {
-    saw(max_distance);
+        max_distance(reach),
+        best_squared(static_cast<double>(reach) * reach) {
+    saw(reach);
   }
 
   const SurfaceTree& tree;
   const TriangleMesh& mesh;
   const Eigen::Vector3f point;
+  const float max_distance;
   bool facing = false;  ///< Whether only triangles count whose normal has so large a cosine to the direction.
   Eigen::Vector3f direction = Eigen::Vector3f::Zero();
   float min_cosine = 0;
@@ -34,7 +38,8 @@ struct Query {
   SurfaceIndex::Closest best{};
   bool found = false;
 
-  float nearest, margin;  ///< In float, of what has been seen; by how much that is wrong at most.
+  bool trust_lanes = true;  ///< Else every triangle that comes into question is measured at once.
+  float nearest, margin;    ///< In float, of what has been seen; by how much that is wrong at most.
   static constexpr int kMostCandidates = 32;
   int candidates[kMostCandidates];
   float squared[kMostCandidates];
@@ -58,17 +63,19 @@ struct Query {
     // Of equally close triangles the first, so that the answer does not depend on the order of the visit.
     if (!(d < best_squared || (d == best_squared && (!found || t < best.triangle)))) return;
     best_squared = d;
-    best = {q.cast<float>(), 0, t, feature};
+    best = {q.cast<float>(), 0, t, feature, (p - q).cast<float>()};
     found = true;
   }
+  float measured() const { return static_cast<float>(std::sqrt(best_squared)); }
   void measure_candidates() {
     const float most = limit();
     for (int k = 0; k < count; ++k)
       if (squared[k] <= most) measure(candidates[k]);
     count = 0;
-    if (found && static_cast<float>(std::sqrt(best_squared)) < nearest)
-      saw(static_cast<float>(std::sqrt(best_squared)));
+    if (found && measured() < nearest) saw(measured());
   }
+  /// Whether float took something to be nearer than it was: then what is farther has been passed by.
+  bool misled() const { return found ? measured() > nearest + 2 * margin : nearest < max_distance; }
   void add_candidate(int t, float d) {
     if (count == kMostCandidates) measure_candidates();
     candidates[count] = t;
@@ -85,7 +92,8 @@ GANTRY_INLINE Lanes squared_distance_to_segment(const Lanes3& from_start, const 
 }
 
 /// Squared distances to eight triangles: to the plane where the foot lies inside all sides, else to the
-/// nearest side. Unlike quotients of areas this is good to rounding for slivers, too.
+/// nearest side. Never more than rounding too far, for slivers either; near a very acute corner it can be
+/// too near.
 GANTRY_INLINE Lanes squared_distances(const TriangleBlock& b, const Lanes3& p) {
   const Lanes zero{};
   const Lanes3 ap = subtract(p, b.a), bp = subtract(ap, b.ab), bc = subtract(b.ac, b.ab);
@@ -117,9 +125,14 @@ GANTRY_INLINE void look_at(const TriangleBlock& block, const Lanes3& p, Query& q
   }
   for (unsigned bits = bits_of(close); bits != 0; bits &= bits - 1) {
     const int k = std::countr_zero(bits);
-    if (block.triangle[k] < 0 || d[k] > query.limit()) continue;
-    query.add_candidate(block.triangle[k], d[k]);
-    if (d[k] < query.nearest * query.nearest) query.saw(std::sqrt(d[k]));
+    const int t = block.triangle[k];
+    if (t < 0 || d[k] > query.limit()) continue;
+    query.add_candidate(t, d[k]);
+    if (!query.trust_lanes) {
+      query.measure_candidates();
+    } else if (d[k] < query.nearest * query.nearest) {
+      query.saw(std::sqrt(d[k]));
+    }
   }
 }
 
@@ -152,26 +165,47 @@ GANTRY_FOR_EACH_CPU void search(Query& query) {
   }
 }
 
-std::optional<SurfaceIndex::Closest> answer(Query& query, int near_triangle) {
-  if (near_triangle >= 0 &&
-      (!query.facing ||
-       query.mesh.normal(static_cast<size_t>(near_triangle)).dot(query.direction) >= query.min_cosine)) {
-    query.measure(near_triangle);
-    if (query.found) query.saw(static_cast<float>(std::sqrt(query.best_squared)));
-  }
-  search(query);
-  query.measure_candidates();
-  if (!query.found) return std::nullopt;
-  query.best.distance = static_cast<float>(std::sqrt(query.best_squared));
-  return query.best;
-}
-
 }  // namespace
 
 struct SurfaceIndex::Impl {
-  explicit Impl(TriangleMesh given) : mesh(std::move(given)), tree(mesh) {}
+  explicit Impl(TriangleMesh given)
+      : mesh(std::move(given)), normals(normals_of(mesh)), tree(mesh, normals) {}
   TriangleMesh mesh;
+  std::vector<Eigen::Vector3f> normals;
   SurfaceTree tree;
+
+  static std::vector<Eigen::Vector3f> normals_of(const TriangleMesh& mesh) {
+    std::vector<Eigen::Vector3f> normals(mesh.triangles.size());
+    tbb::parallel_for(size_t{0}, normals.size(), [&](size_t t) { normals[t] = mesh.normal(t); });
+    return normals;
+  }
+
+  /// Whether a guess is one of the triangles that are searched.
+  bool counts(int triangle, const Query& query) const {
+    if (triangle < 0 || static_cast<size_t>(triangle) >= normals.size()) return false;
+    const Eigen::Vector3f &n = normals[static_cast<size_t>(triangle)], &d = query.direction;
+    if (n.isZero()) return false;
+    // Added up in the order of the lanes, for the same bits.
+    return !query.facing || n.x() * d.x() + n.y() * d.y() + n.z() * d.z() >= query.min_cosine;
+  }
+
+  std::optional<Closest> answer(Query& query, int near_triangle) const {
+    if (!query.point.allFinite() || !(query.max_distance >= 0)) return std::nullopt;
+    if (counts(near_triangle, query)) {
+      query.measure(near_triangle);
+      if (query.found) query.saw(query.measured());
+    }
+    search(query);
+    query.measure_candidates();
+    if (query.misled()) {
+      query.trust_lanes = false;
+      query.saw(query.found ? query.measured() : query.max_distance);
+      search(query);
+    }
+    if (!query.found) return std::nullopt;
+    query.best.distance = query.measured();
+    return query.best;
+  }
 };
 
 SurfaceIndex::SurfaceIndex(TriangleMesh mesh) : impl_(std::make_unique<Impl>(std::move(mesh))) {
@@ -186,11 +220,14 @@ SurfaceIndex& SurfaceIndex::operator=(SurfaceIndex&&) noexcept = default;
 const TriangleMesh& SurfaceIndex::mesh() const {
   return impl_->mesh;
 }
+const std::vector<Eigen::Vector3f>& SurfaceIndex::normals() const {
+  return impl_->normals;
+}
 
 std::optional<SurfaceIndex::Closest> SurfaceIndex::closest(const Eigen::Vector3f& point, float max_distance,
                                                            int near_triangle) const {
   Query query(impl_->tree, impl_->mesh, point, max_distance);
-  return answer(query, near_triangle);
+  return impl_->answer(query, near_triangle);
 }
 
 std::optional<SurfaceIndex::Closest> SurfaceIndex::closest_facing(const Eigen::Vector3f& point,
@@ -201,7 +238,7 @@ std::optional<SurfaceIndex::Closest> SurfaceIndex::closest_facing(const Eigen::V
   query.facing = true;
   query.direction = direction;
   query.min_cosine = min_cosine;
-  return answer(query, near_triangle);
+  return impl_->answer(query, near_triangle);
 }
 
 }  // namespace gantry

@@ -2,116 +2,147 @@
 
 #include <tbb/parallel_for.h>
 
-#include <Eigen/Geometry>
+#include <Eigen/Core>
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
+#include <limits>
 #include <span>
 
 namespace gantry::internal {
 namespace {
 
 constexpr float kFarOutside_mm = 1e18f;  ///< Its square still fits a float.
-constexpr int kBins = 16;
+constexpr size_t kBins = 16;
 /// Subtrees of more triangles are built as tasks of their own.
 constexpr size_t kTask = 20000;
 /// From this level on splits are made at the median, which bounds the depth whatever the mesh is like.
 constexpr int kMedianLevel = 24;
 
+/// A box in four floats a corner, for the sake of SSE; the last ones mean nothing.
+struct Box {
+  Eigen::Array4f low = Eigen::Array4f::Constant(std::numeric_limits<float>::infinity()), high = -low;
+
+  void extend(const Eigen::Array4f& point) {
+    low = low.min(point);
+    high = high.max(point);
+  }
+  void extend(const Box& other) {
+    low = low.min(other.low);
+    high = high.max(other.high);
+  }
+  bool empty() const { return low[0] > high[0]; }
+  float half_area() const {
+    const Eigen::Array4f s = high - low;
+    return s[0] * s[1] + s[1] * s[2] + s[2] * s[0];
+  }
+};
+
 struct Primitive {
-  Eigen::AlignedBox3f box;
-  int triangle;
-  Eigen::Vector3f centre() const { return 0.5f * (box.min() + box.max()); }
+  Box box;
+  int triangle = -1;
+  Eigen::Array4f twice_centre() const { return box.low + box.high; }
 };
 using Range = std::span<Primitive>;
 
-float half_area(const Eigen::AlignedBox3f& box) {
-  const Eigen::Vector3f s = box.sizes();
-  return s.x() * s.y() + s.y() * s.z() + s.z() * s.x();
-}
+/// Primitives that become one subtree.
+struct Part {
+  Range range;
+  Box bounds, centres;  ///< Of the primitives, and of twice their centres.
 
-Eigen::AlignedBox3f bounds_of(Range range) {
-  Eigen::AlignedBox3f bounds;
-  for (const Primitive& p : range) bounds.extend(p.box);
-  return bounds;
-}
+  static Part of(Range range) {
+    Part part{range, {}, {}};
+    for (const Primitive& p : range) {
+      part.bounds.extend(p.box);
+      part.centres.extend(p.twice_centre());
+    }
+    return part;
+  }
+};
 
 /// What it costs to look at so many triangles: blocks are looked at whole.
 float blocks_for(size_t triangles) {
   return static_cast<float>((triangles + kLanes - 1) / kLanes);
 }
 
-size_t split_at_median(Range range, int axis) {
-  const auto middle = range.begin() + static_cast<std::ptrdiff_t>(range.size() / 2);
-  std::nth_element(range.begin(), middle, range.end(), [axis](const Primitive& p, const Primitive& q) {
-    return std::pair(p.centre()[axis], p.triangle) < std::pair(q.centre()[axis], q.triangle);
-  });
-  return range.size() / 2;
+std::pair<Part, Part> split_at_median(const Part& part, int axis) {
+  const size_t half = part.range.size() / 2;
+  std::nth_element(part.range.begin(), part.range.begin() + static_cast<std::ptrdiff_t>(half),
+                   part.range.end(), [axis](const Primitive& p, const Primitive& q) {
+                     return std::pair(p.twice_centre()[axis], p.triangle) <
+                            std::pair(q.twice_centre()[axis], q.triangle);
+                   });
+  return {Part::of(part.range.first(half)), Part::of(part.range.subspan(half))};
 }
 
-/// Rearranges the range in two parts and returns the size of the first.
-size_t split(Range range, bool at_median) {
-  Eigen::AlignedBox3f centres;
-  for (const Primitive& p : range) centres.extend(p.centre());
-  int axis = 0;
-  const float extent = centres.sizes().maxCoeff(&axis);
+std::pair<Part, Part> split(const Part& part, bool at_median) {
+  const Eigen::Array3f sizes = (part.centres.high - part.centres.low).head<3>();
+  Eigen::Index axis = 0;
+  const float extent = sizes.maxCoeff(&axis);
   const float to_bin = kBins / extent;
-  if (at_median || !(extent > 0) || !std::isfinite(to_bin)) return split_at_median(range, axis);
+  if (at_median || !(extent > 0) || !std::isfinite(extent) || !std::isfinite(to_bin))
+    return split_at_median(part, static_cast<int>(axis));
+
+  const float first = part.centres.low[axis];
   const auto bin_of = [&](const Primitive& p) {
-    return std::min(static_cast<int>((p.centre()[axis] - centres.min()[axis]) * to_bin), kBins - 1);
+    const float centre = p.box.low[axis] + p.box.high[axis];
+    return std::min(static_cast<size_t>((centre - first) * to_bin), kBins - 1);
   };
-  std::array<Eigen::AlignedBox3f, kBins> boxes;
+  std::array<Box, kBins> boxes, centres;
   std::array<size_t, kBins> counts{};
-  for (const Primitive& p : range) {
-    const auto bin = static_cast<size_t>(bin_of(p));
+  for (const Primitive& p : part.range) {
+    const size_t bin = bin_of(p);
     boxes[bin].extend(p.box);
+    centres[bin].extend(p.twice_centre());
     ++counts[bin];
   }
   std::array<float, kBins> cost_from{};  // of all bins from this one on
-  Eigen::AlignedBox3f box;
+  Box box;
   size_t count = 0;
   for (size_t bin = kBins - 1; bin > 0; --bin) {
     box.extend(boxes[bin]);
     count += counts[bin];
-    cost_from[bin] = count > 0 ? blocks_for(count) * half_area(box) : 0;
+    cost_from[bin] = count > 0 ? blocks_for(count) * box.half_area() : 0;
   }
-  box.setEmpty();
+  box = {};
   count = 0;
   float least = std::numeric_limits<float>::infinity();
-  int best = 0;
+  size_t best = 0;
   for (size_t bin = 1; bin < kBins; ++bin) {
     box.extend(boxes[bin - 1]);
     count += counts[bin - 1];
-    if (count == 0 || count == range.size()) continue;
-    const float cost = blocks_for(count) * half_area(box) + cost_from[bin];
+    if (count == 0 || count == part.range.size()) continue;
+    const float cost = blocks_for(count) * box.half_area() + cost_from[bin];
     if (cost >= least) continue;
     least = cost;
-    best = static_cast<int>(bin);
+    best = bin;
   }
-  if (best == 0) return split_at_median(range, axis);
-  const auto second =
-      std::partition(range.begin(), range.end(), [&](const Primitive& p) { return bin_of(p) < best; });
-  return static_cast<size_t>(second - range.begin());
+  if (best == 0) return split_at_median(part, static_cast<int>(axis));
+  const auto second = std::partition(part.range.begin(), part.range.end(),
+                                     [&](const Primitive& p) { return bin_of(p) < best; });
+  const auto size = static_cast<size_t>(second - part.range.begin());
+  std::pair<Part, Part> halves{{part.range.first(size), {}, {}}, {part.range.subspan(size), {}, {}}};
+  for (size_t bin = 0; bin < kBins; ++bin) {
+    Part& half = bin < best ? halves.first : halves.second;
+    half.bounds.extend(boxes[bin]);
+    half.centres.extend(centres[bin]);
+  }
+  return halves;
 }
 
-struct Part {
-  Range range;
-  Eigen::AlignedBox3f bounds;
-};
-
 /// Up to eight parts, by splitting the largest of them again and again.
-std::vector<Part> split_in_eight(Range range, int level) {
-  std::vector<Part> parts{{range, bounds_of(range)}};
+std::vector<Part> split_in_eight(const Part& whole, int level) {
+  std::vector<Part> parts{whole};
   while (parts.size() < kLanes) {
     Part* largest = nullptr;
     for (Part& part : parts)
-      if (part.range.size() > kLanes && (!largest || half_area(part.bounds) > half_area(largest->bounds)))
+      if (part.range.size() > kLanes && (!largest || part.bounds.half_area() > largest->bounds.half_area()))
         largest = &part;
     if (!largest) break;
-    const Range whole = largest->range;
-    const size_t first = split(whole, level >= kMedianLevel);
-    *largest = {whole.first(first), bounds_of(whole.first(first))};
-    parts.push_back({whole.subspan(first), bounds_of(whole.subspan(first))});
+    auto [first, second] = split(*largest, level >= kMedianLevel);
+    *largest = first;
+    parts.push_back(second);
   }
   return parts;
 }
@@ -122,99 +153,99 @@ void set(Lanes3& lanes, int lane, const Eigen::Vector3f& v) {
   lanes.z[lane] = v.z();
 }
 
-TriangleBlock block_of(const TriangleMesh& mesh, Range range) {
+TriangleBlock block_of(const TriangleMesh& mesh, const std::vector<Eigen::Vector3f>& normals, Range range) {
   TriangleBlock block{};
-  for (int k = 0; k < kLanes; ++k) {
+  for (size_t k = 0; k < kLanes; ++k) {
+    const int lane = static_cast<int>(k);
     block.triangle[k] = -1;
-    set(block.a, k, Eigen::Vector3f::Constant(kFarOutside_mm));
-    if (static_cast<size_t>(k) >= range.size()) continue;
-    block.triangle[k] = range[static_cast<size_t>(k)].triangle;
-    const Eigen::Vector3i& tri = mesh.triangles[static_cast<size_t>(block.triangle[k])];
-    const Eigen::Vector3f& a = mesh.vertices[tri[0]];
-    const Eigen::Vector3f ab = mesh.vertices[tri[1]] - a, ac = mesh.vertices[tri[2]] - a;
-    set(block.a, k, a);
-    set(block.ab, k, ab);
-    set(block.ac, k, ac);
-    set(block.n, k, mesh.normal(static_cast<size_t>(block.triangle[k])));
+    set(block.a, lane, Eigen::Vector3f::Constant(kFarOutside_mm));
+    if (k >= range.size()) continue;
+    const auto t = static_cast<size_t>(range[k].triangle);
+    const Eigen::Vector3i& corners = mesh.triangles[t];
+    const Eigen::Vector3f& a = mesh.vertices[static_cast<size_t>(corners[0])];
+    const Eigen::Vector3f ab = mesh.vertices[static_cast<size_t>(corners[1])] - a,
+                          ac = mesh.vertices[static_cast<size_t>(corners[2])] - a;
+    block.triangle[k] = range[k].triangle;
+    set(block.a, lane, a);
+    set(block.ab, lane, ab);
+    set(block.ac, lane, ac);
+    set(block.n, lane, normals[t]);
     // A side that is too short to be inverted is as good as a point.
     const auto inverse = [](float squared) { return squared > 1e-30f ? 1 / squared : 0; };
-    block.inverse_ab[k] = inverse(ab.squaredNorm());
-    block.inverse_ac[k] = inverse(ac.squaredNorm());
-    block.inverse_bc[k] = inverse((ac - ab).squaredNorm());
+    block.inverse_ab[lane] = inverse(ab.squaredNorm());
+    block.inverse_ac[lane] = inverse(ac.squaredNorm());
+    block.inverse_bc[lane] = inverse((ac - ab).squaredNorm());
   }
   return block;
 }
 
 struct Subtree {
   std::vector<TreeNode> nodes;
-  std::vector<TriangleBlock> blocks;
+  std::vector<Range> leaves;  ///< The blocks to be.
 };
 
-/// Appends a node over the range, and all that is below it.
-void append(const TriangleMesh& mesh, Range range, int level, Subtree& to) {
+void append(const Part& whole, int level, Subtree& to);
+
+void append_child(const Part& part, int level, Subtree& to) {
+  if (part.range.size() > kLanes) {
+    append(part, level, to);
+  } else {
+    to.leaves.push_back(part.range);
+  }
+}
+
+/// Appends a node over the part, and all that is below it.
+void append(const Part& whole, int level, Subtree& to) {
   const size_t here = to.nodes.size();
+  to.nodes.emplace_back();
   TreeNode node{};
-  const Eigen::Vector3f outside = Eigen::Vector3f::Constant(kFarOutside_mm);
+  const std::vector<Part> parts = split_in_eight(whole, level);
   for (int k = 0; k < kLanes; ++k) {
-    set(node.low, k, outside);
-    set(node.high, k, outside);
+    const bool used = static_cast<size_t>(k) < parts.size();
+    const Eigen::Vector3f outside = Eigen::Vector3f::Constant(kFarOutside_mm);
+    set(node.low, k, used ? parts[static_cast<size_t>(k)].bounds.low.head<3>() : outside);
+    set(node.high, k, used ? parts[static_cast<size_t>(k)].bounds.high.head<3>() : outside);
     node.child[k] = ~0;
   }
-  to.nodes.push_back(node);
-  const std::vector<Part> parts = split_in_eight(range, level);
+  std::vector<Subtree> tasks(whole.range.size() > kTask ? parts.size() : 0);
+  tbb::parallel_for(size_t{0}, tasks.size(), [&](size_t k) { append_child(parts[k], level + 1, tasks[k]); });
   for (size_t k = 0; k < parts.size(); ++k) {
-    set(node.low, static_cast<int>(k), parts[k].bounds.min());
-    set(node.high, static_cast<int>(k), parts[k].bounds.max());
-  }
-  const auto child = [&](size_t k, Subtree& in) {
-    if (parts[k].range.size() > kLanes) {
-      append(mesh, parts[k].range, level + 1, in);
-    } else {
-      in.blocks.push_back(block_of(mesh, parts[k].range));
+    const int first_node = static_cast<int>(to.nodes.size()), first_leaf = static_cast<int>(to.leaves.size());
+    node.child[k] = parts[k].range.size() > kLanes ? first_node : ~first_leaf;
+    if (tasks.empty()) {
+      append_child(parts[k], level + 1, to);
+      continue;
     }
-  };
-  if (range.size() > kTask) {
-    std::vector<Subtree> subtrees(parts.size());
-    tbb::parallel_for(size_t{0}, parts.size(), [&](size_t k) { child(k, subtrees[k]); });
-    for (size_t k = 0; k < parts.size(); ++k) {
-      Subtree& sub = subtrees[k];
-      const int first_node = static_cast<int>(to.nodes.size()),
-                first_block = static_cast<int>(to.blocks.size());
-      node.child[k] = sub.nodes.empty() ? ~first_block : first_node;
-      for (TreeNode& n : sub.nodes)
-        for (int& c : n.child) c += c >= 0 ? first_node : -first_block;
-      to.nodes.insert(to.nodes.end(), sub.nodes.begin(), sub.nodes.end());
-      to.blocks.insert(to.blocks.end(), sub.blocks.begin(), sub.blocks.end());
-      sub = {};
-    }
-  } else {
-    for (size_t k = 0; k < parts.size(); ++k) {
-      const bool leaf = parts[k].range.size() <= kLanes;
-      node.child[k] = leaf ? ~static_cast<int>(to.blocks.size()) : static_cast<int>(to.nodes.size());
-      child(k, to);
-    }
+    for (TreeNode& n : tasks[k].nodes)
+      for (int& child : n.child) child += child >= 0 ? first_node : -first_leaf;
+    to.nodes.insert(to.nodes.end(), tasks[k].nodes.begin(), tasks[k].nodes.end());
+    to.leaves.insert(to.leaves.end(), tasks[k].leaves.begin(), tasks[k].leaves.end());
+    tasks[k] = {};
   }
   to.nodes[here] = node;
 }
 
 }  // namespace
 
-SurfaceTree::SurfaceTree(const TriangleMesh& mesh) {
+SurfaceTree::SurfaceTree(const TriangleMesh& mesh, const std::vector<Eigen::Vector3f>& normals) {
   std::vector<Primitive> primitives;
   primitives.reserve(mesh.triangles.size());
   for (size_t t = 0; t < mesh.triangles.size(); ++t) {
-    if (mesh.normal(t).isZero()) continue;
-    Primitive p{{}, static_cast<int>(t)};
-    for (const int corner : mesh.triangles[t]) p.box.extend(mesh.vertices[corner]);
-    longest_side = std::max(longest_side, p.box.diagonal().norm());
-    primitives.push_back(p);
+    if (normals[t].isZero()) continue;
+    Primitive& p = primitives.emplace_back();
+    p.triangle = static_cast<int>(t);
+    for (const int corner : mesh.triangles[t])
+      p.box.extend(mesh.vertices[static_cast<size_t>(corner)].homogeneous().array());
+    longest_side = std::max(longest_side, (p.box.high - p.box.low).head<3>().matrix().norm());
   }
   triangles = primitives.size();
   if (primitives.empty()) return;
   Subtree all;
-  append(mesh, primitives, 0, all);
+  append(Part::of(primitives), 0, all);
   nodes = std::move(all.nodes);
-  blocks = std::move(all.blocks);
+  blocks = std::make_unique_for_overwrite<TriangleBlock[]>(all.leaves.size());
+  tbb::parallel_for(size_t{0}, all.leaves.size(),
+                    [&](size_t k) { blocks[k] = block_of(mesh, normals, all.leaves[k]); });
 }
 
 }  // namespace gantry::internal

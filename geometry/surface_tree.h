@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstddef>
+#include <memory>
 #include <vector>
 
 #include "gantry/geometry/triangle_mesh.h"
@@ -29,11 +30,12 @@ struct SurfaceTree {
   static constexpr int kMostLevels = 56;
 
   std::vector<TreeNode> nodes;
-  std::vector<TriangleBlock> blocks;
+  std::unique_ptr<TriangleBlock[]> blocks;
   size_t triangles = 0;    ///< That have an area.
   float longest_side = 0;  ///< mm
 
-  explicit SurfaceTree(const TriangleMesh& mesh);
+  /// With the unit normals of the triangles, zero for those without area.
+  SurfaceTree(const TriangleMesh& mesh, const std::vector<Eigen::Vector3f>& normals);
 };
 
 }  // namespace gantry::internal

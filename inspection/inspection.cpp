@@ -188,7 +188,7 @@ InspectionResult inspect(const PointCloud& cloud, const SignedDistance& referenc
     if (to_fixture[i] < std::max(static_cast<float>(options.fixture_margin_mm), distance) &&
         std::isfinite(to_fixture[i])) {
       result.point_class[i] = PointClass::kFixture;
-    } else if (value && surface.supported[i]) {
+    } else if (value && !value->at_border && surface.supported[i]) {
       result.point_class[i] = PointClass::kJudged;
       result.deviation_mm[i] = value->distance;
       result.uncertainty_mm[i] = standard_uncertainty(result, options, i, surface, *value);

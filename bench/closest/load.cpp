@@ -50,9 +50,9 @@ TriangleMesh subdivided(const TriangleMesh& mesh) {
   return fine;
 }
 
-PointCloud points_near(const TriangleMesh& mesh, size_t count) {
-  PointCloud cloud = sample_surface(mesh, count, 1);
-  std::mt19937 random(2);
+PointCloud points_near(const TriangleMesh& mesh, size_t count, uint64_t seed) {
+  PointCloud cloud = sample_surface(mesh, count, seed);
+  std::mt19937_64 random(seed + 1000);
   std::uniform_real_distribution<float> uniform(-1, 1);
   for (size_t i = 0; i < cloud.size(); ++i) cloud.points[i] += uniform(random) * cloud.normals[i];
   cloud.normals.clear();
@@ -70,6 +70,20 @@ void write_raw(const std::filesystem::path& path, const TriangleMesh& mesh) {
   write_all(file, mesh.vertices);
   write_all(file, mesh.triangles);
   require(file.flush(), path, "written");
+}
+
+void write_raw(const std::filesystem::path& path, const std::vector<float>& distances) {
+  std::ofstream file(path, std::ios::binary);
+  write_all(file, distances);
+  require(file.flush(), path, "written");
+}
+
+std::vector<float> read_raw_distances(const std::filesystem::path& path) {
+  std::ifstream file(path, std::ios::binary);
+  std::vector<float> distances;
+  read_all(file, distances);
+  require(file, path, "read");
+  return distances;
 }
 
 PointCloud read_raw_cloud(const std::filesystem::path& path) {

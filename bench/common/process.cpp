@@ -5,6 +5,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <cerrno>
 #include <fstream>
 #include <sstream>
 
@@ -43,7 +44,8 @@ Spent run_process(std::vector<std::string> words, const std::vector<std::string>
   posix_spawn_file_actions_destroy(&files);
   if (failed != 0) throw InputError(words[0] + ": cannot be started");
   int status = 0;
-  waitpid(child, &status, 0);
+  while (waitpid(child, &status, 0) < 0 && errno == EINTR) {
+  }
   if (status != 0) {
     std::string command;
     for (const std::string& word : words) command += word + " ";

@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <Eigen/Geometry>
+#include <algorithm>
 #include <numbers>
 #include <random>
 
@@ -177,6 +179,78 @@ TEST(SignedDistance, ASheetWithBothItsSidesHasNoInside) {
   const SignedDistance distance(sheet);
   EXPECT_NEAR(distance({-3, 0, 0}, 100)->distance, 3, 1e-5);
   EXPECT_NEAR(distance({-3, 0, 0}, 100)->normal.norm(), 0, 1e-5);
+}
+
+/// Turned by any angle, so that nothing cancels exactly.
+TriangleMesh turned(TriangleMesh mesh) {
+  const Eigen::Matrix3f rotation =
+      (Eigen::AngleAxisf(0.7f, Vector3f::UnitX()) * Eigen::AngleAxisf(1.1f, Vector3f::UnitZ())).matrix();
+  for (Vector3f& v : mesh.vertices) v = rotation * v;
+  return mesh;
+}
+
+TEST(SignedDistance, WhereSolidsTouchItIsOutside) {
+  const TriangleMesh cube = box_mesh({0, 0, 0}, {10, 10, 10});
+  for (const Vector3f& low :
+       {Vector3f(-10, -10, 0), Vector3f(-10, -10, -10)}) {  // along an edge, at a corner
+    const SignedDistance distance(turned(merged(cube, box_mesh(low, low + Vector3f::Constant(10)))));
+    for (const float angle : {0.3f, 0.8f, 1.3f}) {
+      const TriangleMesh outside = turned({{{5 * std::cos(angle), -5 * std::sin(angle), 5}}, {}});
+      EXPECT_GT(distance(outside.vertices[0], 100)->distance, 0) << low.transpose() << " at " << angle;
+    }
+    const auto touching = distance(turned({{{0.0f, 0.0f, 0.0f}}, {}}).vertices[0], 100);
+    EXPECT_NEAR(touching->distance, 0, 1e-5);
+  }
+}
+
+TEST(SignedDistance, ASheetWithBothItsSidesHasNoInsideAtItsCornersEither) {
+  TriangleMesh fan{{{0, 0, 0}}, {}};
+  for (const float angle : {0.1f, 0.9f, 1.2f, 2.7f})
+    fan.vertices.emplace_back(10 * std::cos(angle), 10 * std::sin(angle), 0);
+  for (int i = 1; i < 4; ++i) {
+    fan.triangles.emplace_back(0, i, i + 1);
+    fan.triangles.emplace_back(0, i + 1, i);
+  }
+  fan = turned(fan);
+  const SignedDistance distance(fan);
+  const auto at_tip = distance(turned({{{-0.5f, -3, 0.7f}}, {}}).vertices[0], 100);
+  EXPECT_GT(at_tip->distance, 3);
+  EXPECT_EQ(at_tip->normal, Vector3f::Zero());
+}
+
+TEST(SignedDistance, TrianglesListedTwiceCountOnce) {
+  const float angle = 40 * std::numbers::pi_v<float> / 180;
+  TriangleMesh wedge = wedge_mesh(30, 60, angle);
+  const SignedDistance once(wedge);
+  const std::vector<Eigen::Vector3i> all = wedge.triangles;
+  for (size_t k = 2; k < 4; ++k)  // one face of the edge
+    wedge.triangles.emplace_back(all[k][1], all[k][2], all[k][0]);
+  const SignedDistance twice(wedge);
+  NearPoints points(once.mesh());
+  for (int i = 0; i < kPointsPerSolid; ++i) {
+    const Vector3f p = points.next();
+    const auto a = once(p, 1000), b = twice(p, 1000);
+    ASSERT_EQ(a->distance, b->distance) << p.transpose();
+    ASSERT_FALSE(b->at_border);
+  }
+}
+
+TEST(SignedDistance, TessellationsThatMeetInASliverAreClosed) {
+  // A cube one of whose edges is split on one side only; a triangle without area bridges it.
+  TriangleMesh cube = box_mesh({-20, -20, -20}, {20, 20, 20});
+  const auto split = std::find_if(cube.triangles.begin(), cube.triangles.end(), [](const Eigen::Vector3i& t) {
+    return (t[0] == 6 && t[1] == 7) || (t[1] == 6 && t[2] == 7) || (t[2] == 6 && t[0] == 7);
+  });
+  ASSERT_NE(split, cube.triangles.end());
+  Eigen::Vector3i t = *split;
+  while (t[0] != 6) t = Eigen::Vector3i(t[1], t[2], t[0]);
+  cube.triangles.erase(split);
+  cube.vertices.emplace_back(0, 20, 20);
+  cube.triangles.emplace_back(6, 8, t[2]);
+  cube.triangles.emplace_back(8, 7, t[2]);
+  EXPECT_TRUE(SignedDistance(cube)({5, 25, 25}, 100)->at_border);
+  cube.triangles.emplace_back(6, 7, 8);
+  EXPECT_FALSE(SignedDistance(cube)({5, 25, 25}, 100)->at_border);
 }
 
 TEST(SignedDistance, TrianglesWithoutAreaDoNotDisturb) {

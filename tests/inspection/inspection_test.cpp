@@ -86,6 +86,24 @@ size_t judged(const InspectionResult& result) {
       std::count(result.point_class.begin(), result.point_class.end(), PointClass::kJudged));
 }
 
+TEST(Inspection, NothingIsMeasuredToTheBorderOfAnOpenModel) {
+  // Only the middle of the sheet's top is modelled; the cloud reaches beyond.
+  const SignedDistance patch(
+      TriangleMesh{{{-10, -10, 0}, {10, -10, 0}, {10, 10, 0}, {-10, 10, 0}}, {{0, 1, 2}, {0, 2, 3}}});
+  const InspectionResult result = inspect(sheet_points(0.02f), patch, as_it_stands());
+  EXPECT_TRUE(result.defects.empty());
+  for (size_t i = 0; i < result.cloud.size(); ++i) {
+    const Eigen::Vector3f& p = result.cloud.points[i];
+    const float outside = std::max(std::abs(p.x()), std::abs(p.y())) - 10;
+    if (outside > 0.01f) {
+      ASSERT_NE(result.point_class[i], PointClass::kJudged) << p.transpose();
+    }
+    if (outside < -0.01f && p.z() > -0.2f) {
+      ASSERT_EQ(result.point_class[i], PointClass::kJudged) << p.transpose();
+    }
+  }
+}
+
 TEST(Inspection, TooMuchMaterialIsPositiveAndMissingIsNegative) {
   for (const float height : {0.6f, -0.6f}) {
     const InspectionResult result =

@@ -8,7 +8,7 @@
 namespace gantry {
 
 /// What is wrong with a mesh, counted. A mesh is watertight when every edge is shared by exactly two
-/// triangles that run along it in opposite directions.
+/// triangles that run along it in opposite directions. Edges are identified by the position of their ends.
 struct MeshTopology {
   size_t boundary_edges = 0;      ///< Edges of one triangle only: the mesh is open there.
   size_t nonmanifold_edges = 0;   ///< Edges of three or more triangles.

@@ -50,7 +50,7 @@ class SignedDistance {
   const TriangleMesh& mesh() const { return surface_.mesh(); }
 
  private:
-  Value signed_value(const Eigen::Vector3f& point, const SurfaceIndex::Closest& closest) const;
+  Value signed_value(const SurfaceIndex::Closest& closest) const;
 
   SurfaceIndex surface_;
   std::unique_ptr<internal::Pseudonormals> pseudonormals_;

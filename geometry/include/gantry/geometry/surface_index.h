@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <memory>
 #include <optional>
+#include <vector>
 
 #include "gantry/geometry/closest_on_triangle.h"
 #include "gantry/geometry/triangle_mesh.h"
@@ -21,6 +22,7 @@ class SurfaceIndex {
     float distance;
     int triangle;  ///< Of equally close ones the first.
     TriangleFeature feature;
+    Eigen::Vector3f offset;  ///< From there to the point asked about, to more digits than their difference.
   };
 
   /// Throws InputError for a mesh without a triangle that has an area.
@@ -40,6 +42,8 @@ class SurfaceIndex {
                                         int near_triangle = -1) const;
 
   const TriangleMesh& mesh() const;
+  /// Unit normals of the triangles, zero for those without area.
+  const std::vector<Eigen::Vector3f>& normals() const;
 
  private:
   struct Impl;

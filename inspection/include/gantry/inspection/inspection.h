@@ -41,7 +41,8 @@ struct InspectionOptions {
 enum class PointClass : unsigned char {
   kJudged,   ///< Has a deviation that counts.
   kFixture,  ///< Belongs to the fixture or lies too close to it to tell.
-  kFar  ///< Clutter: no surface of the part within max_distance_mm, or too little smooth surface around it.
+  kFar  ///< Clutter: no surface of the part within max_distance_mm, or too little smooth surface around it;
+        ///< or beside the border of an open CAD model, where there is nothing to measure to.
 };
 
 /// A connected region out of tolerance. Positions in the frame of the CAD model.
