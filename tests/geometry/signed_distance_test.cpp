@@ -189,27 +189,39 @@ TriangleMesh turned(TriangleMesh mesh) {
   return mesh;
 }
 
+/// Reflected in the origin, and still facing outwards.
+TriangleMesh reflected(TriangleMesh mesh) {
+  for (Vector3f& v : mesh.vertices) v = -v;
+  for (Eigen::Vector3i& t : mesh.triangles) std::swap(t[0], t[1]);
+  return mesh;
+}
+
 TEST(SignedDistance, WhereSolidsTouchItIsOutside) {
-  const TriangleMesh cube = box_mesh({0, 0, 0}, {10, 10, 10});
-  for (const Vector3f& low :
-       {Vector3f(-10, -10, 0), Vector3f(-10, -10, -10)}) {  // along an edge, at a corner
-    const SignedDistance distance(turned(merged(cube, box_mesh(low, low + Vector3f::Constant(10)))));
-    for (const float angle : {0.3f, 0.8f, 1.3f}) {
-      const TriangleMesh outside = turned({{{5 * std::cos(angle), -5 * std::sin(angle), 5}}, {}});
-      EXPECT_GT(distance(outside.vertices[0], 100)->distance, 0) << low.transpose() << " at " << angle;
-    }
-    const auto touching = distance(turned({{{0.0f, 0.0f, 0.0f}}, {}}).vertices[0], 100);
-    EXPECT_NEAR(touching->distance, 0, 1e-5);
+  // Edge to edge, and tip to tip: the normals there cancel each other, to rounding.
+  for (const auto& [solid, other] :
+       {std::pair(wedge_mesh(30, 60, 0.4f), wedge_mesh(30, 37.3f, 0.4f)),
+        std::pair(uneven_needle_mesh(5, 60, 20), uneven_needle_mesh(4.3f, 51.6f, 20))}) {
+    const SignedDistance distance(turned(merged(solid, reflected(other))));
+    for (float angle = 0; angle < 2 * std::numbers::pi_v<float>; angle += 0.1f)
+      for (const Vector3f& p : {Vector3f(5 * std::cos(angle), 0, 5 * std::sin(angle)),
+                                Vector3f(5 * std::cos(angle), 5 * std::sin(angle), 0)}) {
+        const Vector3d q = p.cast<double>();
+        if (brute_inside(solid, q) || brute_inside(other, -q)) continue;
+        const auto value = distance(turned({{p}, {}}).vertices[0], 100);
+        if (std::abs(value->distance) < 1e-3f) continue;
+        ASSERT_GT(value->distance, 0) << p.transpose();
+      }
   }
 }
 
 TEST(SignedDistance, ASheetWithBothItsSidesHasNoInsideAtItsCornersEither) {
   TriangleMesh fan{{{0, 0, 0}}, {}};
-  for (const float angle : {0.1f, 0.9f, 1.2f, 2.7f})
+  for (const float angle : {0.1f, 1.2f, 0.9f, 2.7f})
     fan.vertices.emplace_back(10 * std::cos(angle), 10 * std::sin(angle), 0);
-  for (int i = 1; i < 4; ++i) {
-    fan.triangles.emplace_back(0, i, i + 1);
-    fan.triangles.emplace_back(0, i + 1, i);
+  // In an order in which the sums do not cancel one by one.
+  for (const auto& [i, j] : {std::pair(1, 3), std::pair(3, 2), std::pair(2, 4)}) {
+    fan.triangles.emplace_back(0, i, j);
+    fan.triangles.emplace_back(0, j, i);
   }
   fan = turned(fan);
   const SignedDistance distance(fan);
