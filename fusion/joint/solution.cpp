@@ -26,8 +26,10 @@ constexpr double kLeastMotion_mm = 0.02;
 constexpr double kUncertain_mm = 0.15;
 constexpr double kUncertainInSigmas = 2.2;
 
-/// The last of two rounds on all pixels, after many on some, moves hardly anything.
+/// The last round on all pixels, after many on some, moves hardly anything: mostly the second, else one of
+/// the next few.
 constexpr double kAtRestInSigmas = 0.2, kAtRest_mm = 0.005;
+constexpr int kMostRounds = 5;
 
 /// All other limits grow with the residuals, where sensor and model are worse than the noise; this far.
 constexpr double kWorstResidualInSigmas = 10, kWorstResidualInPitches = 2;
@@ -157,9 +159,13 @@ Solution solve_finely(const JointProblem& problem, const Attempt& attempt) {
       gates.edges.break_mm = broken_after(problem, pairs, edges, step);
     };
     step_by(match_all(problem, pairs, poses, gates, nullptr, &active, &edges));
-    solution.sums = match_all(problem, pairs, poses, gates, &blocks, &active, &edges);
-    solution.leave_one_out_mm = leave_one_out(problem, pairs, poses, solution.sums, edges, attempt.sigma_mm);
-    step_by(solution.sums);
+    Poses before;
+    for (int round = 0; round == 0 || (round < kMostRounds && !at_rest(problem, solution)); ++round) {
+      before = poses;
+      solution.sums = match_all(problem, pairs, poses, gates, &blocks, &active, &edges);
+      step_by(solution.sums);
+    }
+    solution.leave_one_out_mm = leave_one_out(problem, pairs, before, solution.sums, edges, attempt.sigma_mm);
   }
   solution.pairs = pairs;
   solution.edges = edges.model;
