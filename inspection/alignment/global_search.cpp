@@ -17,11 +17,11 @@ namespace gantry::internal {
 namespace {
 
 constexpr size_t kRotations = 4000;
-constexpr size_t kCoarsePoints = 300, kFinePoints = 1500;
+constexpr size_t kCoarsePoints = 300, kRefinePoints = 600, kFinePoints = 1500;
 constexpr int kFirstSteps = 4, kNextSteps = 12, kFineSteps = 15;
 constexpr int kFieldCells = 56;
 constexpr size_t kRefined = 80, kPolished = 12;
-constexpr double kDistinctAngle = 0.1;  // rad; poses closer than this, and about as far in mm, are one
+constexpr double kDistinctCosine = 0.995;  // of 0.1 rad; poses closer than this, and about as far in mm, are one
 constexpr double kOnModel = 0.5;        // cost above which a pose does not count as found
 
 struct Box {
@@ -69,18 +69,6 @@ double step(const PointCloud& cloud, double reach_mm, const FootOf& foot, Pose& 
   return cost / static_cast<double>(cloud.size());
 }
 
-void settle(const PointCloud& cloud, const DistanceField& field, double reach_mm, int steps, FoundPose& found) {
-  const auto foot = [&](size_t, const Eigen::Vector3d& p, Eigen::Vector3d& q, Eigen::Vector3d& n) {
-    const DistanceField::Foot& f = field.foot(p.cast<float>());
-    q = f.point.cast<double>();
-    n = f.normal.cast<double>();
-    return true;
-  };
-  for (int k = 0; k < steps; ++k) step(cloud, reach_mm, foot, found.cad_from_cloud);
-  Pose copy = found.cad_from_cloud;
-  found.cost = step(cloud, reach_mm, foot, copy);
-}
-
 void refine(const PointCloud& cloud, const SignedDistance& model, double reach_mm, int steps, FoundPose& found) {
   std::vector<int> near(cloud.size(), -1);
   const auto foot = [&](size_t i, const Eigen::Vector3d& p, Eigen::Vector3d& q, Eigen::Vector3d& n) {
@@ -105,6 +93,10 @@ void refine(const PointCloud& cloud, const SignedDistance& model, double reach_m
   found.cost = step(cloud, reach_mm, foot, copy);
 }
 
+double rotations_cosine(const Pose& a, const Pose& b) {
+  return 0.5 * (a.linear().cwiseProduct(b.linear()).sum() - 1);
+}
+
 /// Sorted by cost, without those that end where a better one does, `count` at most.
 std::vector<FoundPose> best_distinct(std::vector<FoundPose> poses, const Eigen::Vector3d& cloud_middle,
                                      double apart_mm, size_t count) {
@@ -114,7 +106,7 @@ std::vector<FoundPose> best_distinct(std::vector<FoundPose> poses, const Eigen::
   for (const FoundPose& pose : poses) {
     const bool known = std::any_of(kept.begin(), kept.end(), [&](const FoundPose& k) {
       return (k.cad_from_cloud * cloud_middle - pose.cad_from_cloud * cloud_middle).norm() < apart_mm &&
-             rotation_distance(k.cad_from_cloud, pose.cad_from_cloud) < kDistinctAngle;
+             rotations_cosine(k.cad_from_cloud, pose.cad_from_cloud) > kDistinctCosine;
     });
     if (!known) kept.push_back(pose);
     if (kept.size() == count) break;
@@ -123,6 +115,19 @@ std::vector<FoundPose> best_distinct(std::vector<FoundPose> poses, const Eigen::
 }
 
 }  // namespace
+
+void settle(const PointCloud& cloud, const DistanceField& field, double reach_mm, int steps,
+            FoundPose& found) {
+  const auto foot = [&](size_t, const Eigen::Vector3d& p, Eigen::Vector3d& q, Eigen::Vector3d& n) {
+    const DistanceField::Foot& f = field.foot(p.cast<float>());
+    q = f.point.cast<double>();
+    n = f.normal.cast<double>();
+    return true;
+  };
+  for (int k = 0; k < steps; ++k) step(cloud, reach_mm, foot, found.cad_from_cloud);
+  Pose copy = found.cad_from_cloud;
+  found.cost = step(cloud, reach_mm, foot, copy);
+}
 
 PointCloud thinned(const PointCloud& cloud, size_t count) {
   Eigen::AlignedBox3f box;
@@ -163,7 +168,8 @@ std::vector<Eigen::Matrix3d> even_rotations(size_t count) {
 
 std::vector<FoundPose> find_poses(const PointCloud& cloud, const SignedDistance& model) {
   if (cloud.points.empty()) return {};
-  const PointCloud coarse = thinned(cloud, kCoarsePoints), fine = thinned(cloud, kFinePoints);
+  const PointCloud coarse = thinned(cloud, kCoarsePoints), middling = thinned(cloud, kRefinePoints),
+                   fine = thinned(cloud, kFinePoints);
   const DistanceField field(model, kFieldCells);
   const PointCloud surface = thinned(sample_surface(model.mesh(), 20000, 1), kFinePoints);
   const Box target = box_of(surface.points, Eigen::Matrix3d::Identity());
@@ -186,8 +192,8 @@ std::vector<FoundPose> find_poses(const PointCloud& cloud, const SignedDistance&
                     [&](size_t k) { settle(coarse, field, wide / 2, kNextSteps, poses[k]); });
   poses = best_distinct(std::move(poses), middle, apart, kRefined);
   tbb::parallel_for(size_t{0}, poses.size(), [&](size_t k) {
-    refine(fine, model, 2 * narrow, kFineSteps, poses[k]);
-    refine(fine, model, narrow, 5, poses[k]);
+    refine(middling, model, 2 * narrow, kFineSteps, poses[k]);
+    refine(middling, model, narrow, 5, poses[k]);
   });
   poses = best_distinct(std::move(poses), middle, apart, kPolished);
   tbb::parallel_for(size_t{0}, poses.size(),

@@ -3,6 +3,7 @@
 #include <optional>
 #include <vector>
 
+#include "alignment/distance_field.h"
 #include "gantry/geometry/point_cloud.h"
 #include "gantry/geometry/signed_distance.h"
 
@@ -29,6 +30,9 @@ std::vector<FoundPose> find_poses(const PointCloud& cloud, const SignedDistance&
 
 /// The best of find_poses(); nothing when less than half of the points lie on the model in it.
 std::optional<Pose> find_pose(const PointCloud& cloud, const SignedDistance& model);
+
+/// Draws points to the model by look-ups, as far as `reach_mm`, and states what that came to.
+void settle(const PointCloud& cloud, const DistanceField& field, double reach_mm, int steps, FoundPose& found);
 
 /// One point per cell of a grid, so that about `count` remain however uneven the cloud is.
 PointCloud thinned(const PointCloud& cloud, size_t count);

@@ -20,14 +20,16 @@ using namespace internal;
 constexpr size_t kRotations = 4000, kFirst = 100, kCoarse = 400, kSamples = 20000;
 constexpr double kApart = 0.26;         // rad, largest angle from any rotation to one of those sampled
 constexpr double kDistinct = 0.05;      // rad; rotations nearer to each other are the same
+constexpr double kCoarseCost = 0.3;      // mean square distance in units of the last reach, cut at 1
 constexpr double kMayLieOut = 5e-4;     // share of the samples: rounding at edges
 constexpr int kSteps = 5;                // at each reach
+constexpr int kFieldCells = 40;
 
 /// The model's own samples laid onto the model after a motion about the centroid.
 class SelfAlignment {
  public:
   SelfAlignment(const SignedDistance& model, double tolerance_mm)
-      : model_(model), tolerance_mm_(tolerance_mm), samples_(sample_surface(model.mesh(), kSamples, 1)) {
+      : model_(model), field_(model, kFieldCells), tolerance_mm_(tolerance_mm), samples_(sample_surface(model.mesh(), kSamples, 1)) {
     std::vector<Eigen::Vector3d> points;
     for (const auto& p : samples_.points) points.push_back(p.cast<double>());
     frame_ = frame_of(points);
@@ -50,20 +52,22 @@ class SelfAlignment {
     return change <= 2 * kApart * uneven.norm() + 1e-2 * spread_.norm();
   }
 
-  /// Comes to rest near `rotation`; false when the model does not cover itself there.
-  bool settle(const Eigen::Matrix3d& rotation, Pose& motion) const {
-    motion = Pose::Identity();
-    motion.linear() = rotation;
-    motion.translation() = frame_.centre - rotation * frame_.centre;
-    for (const double reach : {0.6, 0.3, 0.15})
-      for (int k = 0; k < kSteps; ++k) step(first_, reach * frame_.lever_mm, motion);
-    if (share_out(first_, motion, 0.1 * frame_.lever_mm) > 0.1) return false;
+  /// Comes to rest near `rotation`; false when the model hardly covers itself there.
+  bool settle_near(const Eigen::Matrix3d& rotation, Pose& motion) const {
+    FoundPose found;
+    found.cad_from_cloud.linear() = rotation;
+    found.cad_from_cloud.translation() = frame_.centre - rotation * frame_.centre;
+    for (const double reach : {0.6, 0.3, 0.15}) settle(first_, field_, reach * frame_.lever_mm, kSteps, found);
+    if (found.cost > kCoarseCost) return false;
+    motion = found.cad_from_cloud;
     for (const double reach : {0.1, 0.05})
       for (int k = 0; k < kSteps; ++k) step(coarse_, reach * frame_.lever_mm, motion);
-    if (share_out(coarse_, motion, 4 * tolerance_mm_ + 0.02 * frame_.lever_mm) > 0.1) return false;
-    for (int k = 0; k < 4; ++k) step(coarse_, 0.02 * frame_.lever_mm, motion);
-    if (share_out(coarse_, motion, 4 * tolerance_mm_) > 0.02) return false;
-    for (int k = 0; k < 3; ++k) step(samples_, 10 * tolerance_mm_, motion);
+    return share_out(coarse_, motion, 4 * tolerance_mm_ + 0.01 * frame_.lever_mm) < 0.05;
+  }
+
+  /// Looks closely at a motion that settle_near() found.
+  bool covers(Pose& motion) const {
+    for (int k = 0; k < kSteps; ++k) step(samples_, 0.02 * frame_.lever_mm + tolerance_mm_, motion);
     return share_out(samples_, motion, tolerance_mm_) <= kMayLieOut;
   }
 
@@ -71,15 +75,30 @@ class SelfAlignment {
   bool same(const Pose& a, const Pose& b) const {
     const Pose difference = a.inverse() * b;
     if (rotation_log(difference.linear()).norm() < kDistinct) return true;
-    // The turn about the centroid, as a motion, must lie in the free ones.
-    Vector6d turn = Vector6d::Zero();
-    turn.head<3>() = rotation_log(difference.linear()).normalized();
-    turn.tail<3>().setZero();
-    const auto& free = motions_.free;
-    return free.cols() > 0 && (free.transpose() * turn).norm() > 0.98;
+    return held_share(rotation_log(difference.linear()).normalized()) < kDistinct;
+  }
+
+  std::string words(const Pose& motion) const {
+    const Eigen::Vector3d turn = rotation_log(motion.linear());
+    // A half turn of a turned part about any axis across its own.
+    if (motions_.free.cols() == 1 && turn.norm() > 3.1) {
+      const Eigen::Vector3d axis = motions_.free.col(0).head<3>();
+      if (std::abs(axis.dot(turn.normalized())) < 0.05)
+        return "turned end for end (by 180 degrees about any axis across " +
+               direction_words(axis.normalized()) + ")";
+    }
+    return rotation_words(motion.linear());
   }
 
  private:
+  /// How much of a turn about the centroid is not free: 0 to 1.
+  double held_share(const Eigen::Vector3d& axis) const {
+    if (motions_.free.cols() == 0) return 1;
+    Vector6d turn = Vector6d::Zero();
+    turn.head<3>() = axis;
+    return (motions_.held.transpose() * turn).norm();
+  }
+
   void step(const PointCloud& cloud, double reach_mm, Pose& motion) const {
     std::vector<Pair> pairs;
     find_pairs(cloud, model_, motion, reach_mm, 0.5, pairs);
@@ -103,6 +122,7 @@ class SelfAlignment {
   }
 
   const SignedDistance& model_;
+  DistanceField field_;
   double tolerance_mm_;
   PointCloud samples_, coarse_, first_;
   FitFrame frame_;
@@ -118,16 +138,18 @@ std::vector<EquivalentPose> find_symmetries(const SignedDistance& model, double 
   for (const Eigen::Matrix3d& r : even_rotations(kRotations))
     if (self.worth_trying(r)) tried.push_back(r);
   std::vector<Pose> motions(tried.size());
-  std::vector<unsigned char> covers(tried.size(), 0);
-  tbb::parallel_for(size_t{0}, tried.size(), [&](size_t k) { covers[k] = self.settle(tried[k], motions[k]); });
+  std::vector<unsigned char> rests(tried.size(), 0);
+  tbb::parallel_for(size_t{0}, tried.size(),
+                    [&](size_t k) { rests[k] = self.settle_near(tried[k], motions[k]); });
 
   std::vector<EquivalentPose> found;
+  std::vector<Pose> looked_at{Pose::Identity()};
   for (size_t k = 0; k < tried.size(); ++k) {
-    if (!covers[k] || self.same(Pose::Identity(), motions[k])) continue;
-    if (std::any_of(found.begin(), found.end(),
-                    [&](const EquivalentPose& f) { return self.same(f.motion, motions[k]); }))
+    if (!rests[k] || std::any_of(looked_at.begin(), looked_at.end(),
+                                 [&](const Pose& p) { return self.same(p, motions[k]); }))
       continue;
-    found.push_back({motions[k], rotation_words(motions[k].linear())});
+    looked_at.push_back(motions[k]);
+    if (self.covers(motions[k])) found.push_back({motions[k], self.words(motions[k])});
   }
   std::stable_sort(found.begin(), found.end(), [](const EquivalentPose& a, const EquivalentPose& b) {
     return rotation_log(a.motion.linear()).norm() + 1e-6 < rotation_log(b.motion.linear()).norm();

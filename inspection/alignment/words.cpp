@@ -54,9 +54,13 @@ Parts parts_of(const Basis& free) {
   return parts;
 }
 
-std::string point_words(const Eigen::Vector3d& p) {
-  char text[80];
-  std::snprintf(text, sizeof text, "(%.1f, %.1f, %.1f)", p.x() + 0.0, p.y() + 0.0, p.z() + 0.0);
+/// "(1.5, 0.0, -2.0)", without a minus before zeros.
+std::string triple(const Eigen::Vector3d& v, int decimals) {
+  const double unit = std::pow(10, -decimals);
+  const auto rounded = [&](double x) { return std::abs(x) < unit / 2 ? 0.0 : x; };
+  char text[100];
+  std::snprintf(text, sizeof text, "(%.*f, %.*f, %.*f)", decimals, rounded(v.x()), decimals, rounded(v.y()),
+                decimals, rounded(v.z()));
   return text;
 }
 
@@ -66,10 +70,7 @@ std::string direction_words(const Eigen::Vector3d& direction) {
   for (int axis = 0; axis < 3; ++axis)
     if (std::abs(direction[axis]) > kAlong)
       return std::string(direction[axis] < 0 ? "-" : "") + "xyz"[axis];
-  char text[80];
-  std::snprintf(text, sizeof text, "(%.2f, %.2f, %.2f)", direction.x() + 0.0, direction.y() + 0.0,
-                direction.z() + 0.0);
-  return text;
+  return triple(direction, 2);
 }
 
 std::vector<FreeMotion> name_free_motions(const HeldMotions& motions, const FitFrame& frame) {
@@ -101,7 +102,7 @@ std::vector<FreeMotion> name_free_motions(const HeldMotions& motions, const FitF
       motion.words = "turning about " + direction_words(axis);
     } else {
       motion.words = "turning about the axis along " + direction_words(axis) + " through " +
-                     point_words(through);
+                     triple(through, 1);
     }
     if (std::abs(advance) > 0.02 * frame.lever_mm) {
       char text[60];
@@ -120,8 +121,7 @@ std::string rotation_words(const Eigen::Matrix3d& rotation) {
   Eigen::Vector3d axis = turn.normalized();
   Eigen::Index most = 0;
   axis.cwiseAbs().maxCoeff(&most);
-  const bool half = degrees > 179.5;
-  if (half && axis[most] < 0) axis = -axis;
+  if (degrees > 179.5 && axis[most] < 0) axis = -axis;
   char text[40];
   std::snprintf(text, sizeof text, "turned by %.0f degrees about ", degrees);
   return text + direction_words(axis);

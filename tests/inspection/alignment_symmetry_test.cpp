@@ -49,6 +49,27 @@ TEST(AlignmentSymmetry, ATurnedPartIsFreeNotListed) {
   EXPECT_GT(result.covariance.norm(), 100 * result.held_covariance.norm());
 }
 
+TEST(AlignmentSymmetry, ARodMayBeTurnedEndForEnd) {
+  TriangleMesh rod;  // 30 mm in diameter, 80 mm long
+  constexpr int kSegments = 180;
+  for (const float z : {0.0f, 80.0f})
+    for (int s = 0; s < kSegments; ++s) {
+      const float a = 2 * std::numbers::pi_v<float> * static_cast<float>(s) / kSegments;
+      rod.vertices.emplace_back(15 * std::cos(a), 15 * std::sin(a), z);
+    }
+  rod.vertices.emplace_back(0, 0, 0);
+  rod.vertices.emplace_back(0, 0, 80);
+  for (int s = 0; s < kSegments; ++s) {
+    const int next = (s + 1) % kSegments;
+    rod.triangles.emplace_back(s, next, kSegments + next);
+    rod.triangles.emplace_back(s, kSegments + next, kSegments + s);
+    rod.triangles.emplace_back(2 * kSegments, next, s);
+    rod.triangles.emplace_back(2 * kSegments + 1, kSegments + s, kSegments + next);
+  }
+  EXPECT_EQ(words_of(rod), (std::multiset<std::string>{
+                               "turned end for end (by 180 degrees about any axis across z)"}));
+}
+
 TEST(AlignmentSymmetry, AFlatHoldsTheTurnedPart) {
   const TriangleMesh part = make_revolved_part(RevolvedFeature::kFlat);
   const AlignmentResult result = align_to_model(mesh_points(part, 20000, 0.02f), SignedDistance(part), {});
