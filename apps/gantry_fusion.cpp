@@ -50,7 +50,8 @@ ExitCode run_inspect(const InspectOptions& o) {
                    {"Alignment", o.align + (o.from_any_start ? ", from any start" : "")},
                    {"Software", "gantry " GANTRY_VERSION}};
   if (!o.datums.empty())
-    trace.entries.push_back({"Datums", o.datums.filename().string() + ", sha256 " + sha256_of_file(o.datums)});
+    trace.entries.push_back(
+        {"Datums", o.datums.filename().string() + ", sha256 " + sha256_of_file(o.datums)});
   return inspect_and_report(cloud, reference, options, trace, o.out, o.json);
 }
 
@@ -79,7 +80,8 @@ int main(int argc, char** argv) {
       ->required()
       ->check(number_within(1e-4, 100));
   inspecting
-      ->add_option("--align", ins.align, "none (the cloud lies in the CAD frame), best-fit, or datum (--datums)")
+      ->add_option("--align", ins.align,
+                   "none (the cloud lies in the CAD frame), best-fit, or datum (--datums)")
       ->check(CLI::IsMember({"none", "best-fit", "datum"}))
       ->capture_default_str();
   inspecting->add_option("--datums", ins.datums, "DATUMS.yaml: features that locate the part, by precedence");

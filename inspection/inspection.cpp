@@ -184,7 +184,8 @@ InspectionResult inspect(const PointCloud& cloud, const SignedDistance& referenc
     }
     result.alignment = align_to_model(free, reference, options.alignment);
     if (options.datums && result.alignment.converged)
-      result.alignment = align_to_datums(free, reference, *options.datums, result.alignment, options.alignment);
+      result.alignment =
+          align_to_datums(free, reference, *options.datums, result.alignment, options.alignment);
     if (options.symmetry_tolerance_mm > 0 && result.alignment.converged)
       result.alignment.equivalents = find_symmetries(reference, options.symmetry_tolerance_mm);
   } else {

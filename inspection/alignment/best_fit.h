@@ -10,7 +10,8 @@ void state_uncertainty(const AlignmentSamples& samples, const std::vector<Pair>&
                        const std::vector<unsigned char>& masked, const NormalEquations& equations,
                        const FitFrame& frame, double patch_mm, AlignmentResult& result);
 
-/// Edge of the patches that count as independent: about a hundred cover the model, more of a part with many narrow faces.
+/// Edge of the patches that count as independent: about a hundred cover the model, more of a part with many
+/// narrow faces.
 double patch_edge_mm(const TriangleMesh& mesh);
 
 }  // namespace gantry::internal

@@ -37,7 +37,8 @@ Frame build_frame(const std::vector<FeatureDemand>& demands) {
       const Eigen::Index first = split[group], count = split[group + 1] - first;
       if (count == 0 || frame.open.cols() == 0) continue;
       const Eigen::Matrix<double, Eigen::Dynamic, 6> rows = demand.rows.middleRows(first, count);
-      const Eigen::JacobiSVD<Eigen::MatrixXd> svd(rows * frame.open, Eigen::ComputeFullU | Eigen::ComputeFullV);
+      const Eigen::JacobiSVD<Eigen::MatrixXd> svd(rows * frame.open,
+                                                  Eigen::ComputeFullU | Eigen::ComputeFullV);
       Eigen::Index rank = 0;
       while (rank < svd.singularValues().size() && svd.singularValues()[rank] > kFixes) ++rank;
       if (rank == 0) continue;

@@ -14,8 +14,8 @@
 namespace gantry::internal {
 namespace {
 
-constexpr double kSamePlane = 0.985;   // cosine, 10 degrees
-constexpr double kFlat = 0.02;         // deviation of the CAD from its feature, as a share of the size
+constexpr double kSamePlane = 0.985;  // cosine, 10 degrees
+constexpr double kFlat = 0.02;        // deviation of the CAD from its feature, as a share of the size
 constexpr size_t kFewestPoints = 30;
 
 [[noreturn]] void refuse(const Datum& datum, const std::string& set, const std::string& why) {
@@ -118,8 +118,7 @@ void fit_cylinder(CadFeature& f, const TriangleMesh& mesh, int seed, const std::
   f.origin = middle + 0.5 * (c[0] * u + c[1] * v);
   f.radius_mm = std::sqrt(c[2] + 0.25 * c.head<2>().squaredNorm());
   double squares = 0;
-  for (const auto& p : samples)
-    squares += std::pow((p - f.origin).cross(f.axis).norm() - f.radius_mm, 2);
+  for (const auto& p : samples) squares += std::pow((p - f.origin).cross(f.axis).norm() - f.radius_mm, 2);
   if (!(std::sqrt(squares / static_cast<double>(samples.size())) < kFlat * f.radius_mm))
     refuse(f.datum, set, "the CAD surface there is no cylinder");
 }
@@ -131,8 +130,8 @@ struct Regression {
   double rms = 0;
 };
 
-Regression regress(const Eigen::MatrixXd& design, const Eigen::VectorXd& values, const Eigen::VectorXd& weight,
-                   const std::vector<int>& patch) {
+Regression regress(const Eigen::MatrixXd& design, const Eigen::VectorXd& values,
+                   const Eigen::VectorXd& weight, const std::vector<int>& patch) {
   Regression fit;
   const Eigen::Index n = values.size(), k = design.cols();
   fit.coefficients = Eigen::VectorXd::Zero(k);
@@ -227,7 +226,8 @@ FeatureDemand measure_feature(const CadFeature& f, const std::vector<Pair>& pair
     const Eigen::Vector3d q = points[static_cast<size_t>(i)] - f.origin;
     weights[i] = weight[used[static_cast<size_t>(i)]];
     if (round) {
-      const double along = f.axis.dot(q) / h, c = u.dot(q), s = v.dot(q), r = std::max(1e-9, std::hypot(c, s));
+      const double along = f.axis.dot(q) / h, c = u.dot(q), s = v.dot(q),
+                   r = std::max(1e-9, std::hypot(c, s));
       values[i] = r - f.radius_mm;
       design.row(i) << along * c / r, along * s / r, c / r, s / r, 1;
     } else {
@@ -268,7 +268,8 @@ FeatureDemand measure_feature(const CadFeature& f, const std::vector<Pair>& pair
   scale.head(demand.directions).setConstant(frame.lever_mm / h);
   demand.rows = scale.asDiagonal() * demand.rows;
   demand.excess = scale.cwiseProduct(fit.coefficients.segment(first, count));
-  demand.covariance = scale.asDiagonal() * fit.covariance.block(first, first, count, count) * scale.asDiagonal();
+  demand.covariance =
+      scale.asDiagonal() * fit.covariance.block(first, first, count, count) * scale.asDiagonal();
   return demand;
 }
 

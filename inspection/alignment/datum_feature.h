@@ -27,14 +27,15 @@ CadFeature cad_feature(const Datum& datum, const TriangleMesh& mesh, const std::
 /// first, then position. Rows are scaled so that all are in mm at the frame's lever.
 struct FeatureDemand {
   Eigen::Matrix<double, Eigen::Dynamic, 6> rows;
-  Eigen::VectorXd excess;      ///< How far the cloud's feature is off the CAD's.
-  Eigen::MatrixXd covariance;  ///< Of the excess.
-  Eigen::Index directions = 0; ///< Rows that are about direction; they come first.
+  Eigen::VectorXd excess;       ///< How far the cloud's feature is off the CAD's.
+  Eigen::MatrixXd covariance;   ///< Of the excess.
+  Eigen::Index directions = 0;  ///< Rows that are about direction; they come first.
   size_t points = 0;
   double rms_mm = 0;
 };
 
-/// Fits the feature to the points of the cloud that lie on its faces. Throws InputError when they are too few.
+/// Fits the feature to the points of the cloud that lie on its faces. Throws InputError when they are too
+/// few.
 FeatureDemand measure_feature(const CadFeature& feature, const std::vector<Pair>& pairs,
                               const std::vector<double>& weight, const FitFrame& frame,
                               const std::string& set_name);

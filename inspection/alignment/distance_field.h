@@ -20,8 +20,7 @@ class DistanceField {
 
   /// The piece closest to the cell that the point lies in; of a point outside the grid to the nearest cell.
   const Foot& foot(const Eigen::Vector3f& point) const {
-    const Eigen::Array3i cell =
-        ((point - low_) / cell_mm_).array().cast<int>().max(0).min(count_ - 1);
+    const Eigen::Array3i cell = ((point - low_) / cell_mm_).array().cast<int>().max(0).min(count_ - 1);
     return feet_[static_cast<size_t>((cell.z() * count_.y() + cell.y()) * count_.x() + cell.x())];
   }
   double cell_mm() const { return cell_mm_; }

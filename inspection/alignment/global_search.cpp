@@ -21,8 +21,9 @@ constexpr size_t kCoarsePoints = 300, kRefinePoints = 600, kFinePoints = 1500;
 constexpr int kFirstSteps = 4, kNextSteps = 12, kFineSteps = 15;
 constexpr int kFieldCells = 56;
 constexpr size_t kRefined = 80, kPolished = 12;
-constexpr double kDistinctCosine = 0.995;  // of 0.1 rad; poses closer than this, and about as far in mm, are one
-constexpr double kOnModel = 0.5;        // cost above which a pose does not count as found
+constexpr double kDistinctCosine =
+    0.995;                        // of 0.1 rad; poses closer than this, and about as far in mm, are one
+constexpr double kOnModel = 0.5;  // cost above which a pose does not count as found
 
 struct Box {
   Eigen::Vector3d mean, middle;
@@ -69,7 +70,8 @@ double step(const PointCloud& cloud, double reach_mm, const FootOf& foot, Pose& 
   return cost / static_cast<double>(cloud.size());
 }
 
-void refine(const PointCloud& cloud, const SignedDistance& model, double reach_mm, int steps, FoundPose& found) {
+void refine(const PointCloud& cloud, const SignedDistance& model, double reach_mm, int steps,
+            FoundPose& found) {
   std::vector<int> near(cloud.size(), -1);
   const auto foot = [&](size_t i, const Eigen::Vector3d& p, Eigen::Vector3d& q, Eigen::Vector3d& n) {
     const Eigen::Vector3f at = p.cast<float>();

@@ -32,7 +32,8 @@ std::vector<FoundPose> find_poses(const PointCloud& cloud, const SignedDistance&
 std::optional<Pose> find_pose(const PointCloud& cloud, const SignedDistance& model);
 
 /// Draws points to the model by look-ups, as far as `reach_mm`, and states what that came to.
-void settle(const PointCloud& cloud, const DistanceField& field, double reach_mm, int steps, FoundPose& found);
+void settle(const PointCloud& cloud, const DistanceField& field, double reach_mm, int steps,
+            FoundPose& found);
 
 /// One point per cell of a grid, so that about `count` remain however uneven the cloud is.
 PointCloud thinned(const PointCloud& cloud, size_t count);

@@ -47,7 +47,8 @@ Eigen::MatrixXd patch_covariance(const Eigen::MatrixXd& curvature, const std::ve
     fourths += u.squaredNorm() * u.squaredNorm();
   }
   const auto size = static_cast<double>(k);
-  const double count = fourths > 0 ? std::min(patches, squares * squares / fourths * (size + 2) / size) : patches;
+  const double count =
+      fourths > 0 ? std::min(patches, squares * squares / fourths * (size + 2) / size) : patches;
   const double freedoms = shrink * size * (count - 1) + (1 - shrink) * (count - size);
   const double wider = 1 + 4 / std::max(4.0, freedoms);
   return wider * (patches - 1) / patches * whiten * shrunk * whiten;
@@ -63,9 +64,12 @@ std::vector<int> patches_of(const std::vector<Eigen::Vector3d>& points,
     normals[i].cwiseAbs().maxCoeff(&axis);
     const int side = static_cast<int>(2 * axis) + (normals[i][axis] > 0);
     // Not by the coordinate along the normal: noise would decide it where a face lies between two cells.
-    const auto cell = [&](Eigen::Index k) { return static_cast<int>(std::floor(points[i][k % 3] / edge_mm)); };
-    patch.push_back(number.try_emplace({cell(axis + 1), cell(axis + 2), side}, static_cast<int>(number.size()))
-                        .first->second);
+    const auto cell = [&](Eigen::Index k) {
+      return static_cast<int>(std::floor(points[i][k % 3] / edge_mm));
+    };
+    patch.push_back(
+        number.try_emplace({cell(axis + 1), cell(axis + 2), side}, static_cast<int>(number.size()))
+            .first->second);
   }
   return patch;
 }

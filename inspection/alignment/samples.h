@@ -12,7 +12,7 @@ namespace gantry::internal {
 /// The points of a cloud that an alignment uses, in the cloud's frame.
 struct AlignmentSamples {
   PointCloud cloud;
-  std::vector<double> weight;  ///< See sample_weights().
+  std::vector<double> weight;                     ///< See sample_weights().
   std::vector<std::vector<uint32_t>> neighbours;  ///< The nearest other samples of each, both ways.
 };
 

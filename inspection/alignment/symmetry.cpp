@@ -18,18 +18,21 @@ namespace {
 using namespace internal;
 
 constexpr size_t kRotations = 4000, kFirst = 100, kCoarse = 400, kSamples = 20000;
-constexpr double kApart = 0.26;         // rad, largest angle from any rotation to one of those sampled
-constexpr double kDistinct = 0.05;      // rad; rotations nearer to each other are the same
-constexpr double kCoarseCost = 0.3;      // mean square distance in units of the last reach, cut at 1
-constexpr double kMayLieOut = 5e-4;     // share of the samples: rounding at edges
-constexpr int kSteps = 5;                // at each reach
+constexpr double kApart = 0.26;      // rad, largest angle from any rotation to one of those sampled
+constexpr double kDistinct = 0.05;   // rad; rotations nearer to each other are the same
+constexpr double kCoarseCost = 0.3;  // mean square distance in units of the last reach, cut at 1
+constexpr double kMayLieOut = 5e-4;  // share of the samples: rounding at edges
+constexpr int kSteps = 5;            // at each reach
 constexpr int kFieldCells = 40;
 
 /// The model's own samples laid onto the model after a motion about the centroid.
 class SelfAlignment {
  public:
   SelfAlignment(const SignedDistance& model, double tolerance_mm)
-      : model_(model), field_(model, kFieldCells), tolerance_mm_(tolerance_mm), samples_(sample_surface(model.mesh(), kSamples, 1)) {
+      : model_(model),
+        field_(model, kFieldCells),
+        tolerance_mm_(tolerance_mm),
+        samples_(sample_surface(model.mesh(), kSamples, 1)) {
     std::vector<Eigen::Vector3d> points;
     for (const auto& p : samples_.points) points.push_back(p.cast<double>());
     frame_ = frame_of(points);
@@ -57,7 +60,8 @@ class SelfAlignment {
     FoundPose found;
     found.cad_from_cloud.linear() = rotation;
     found.cad_from_cloud.translation() = frame_.centre - rotation * frame_.centre;
-    for (const double reach : {0.6, 0.3, 0.15}) settle(first_, field_, reach * frame_.lever_mm, kSteps, found);
+    for (const double reach : {0.6, 0.3, 0.15})
+      settle(first_, field_, reach * frame_.lever_mm, kSteps, found);
     if (found.cost > kCoarseCost) return false;
     motion = found.cad_from_cloud;
     for (const double reach : {0.1, 0.05})

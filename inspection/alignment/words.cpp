@@ -68,8 +68,7 @@ std::string triple(const Eigen::Vector3d& v, int decimals) {
 
 std::string direction_words(const Eigen::Vector3d& direction) {
   for (int axis = 0; axis < 3; ++axis)
-    if (std::abs(direction[axis]) > kAlong)
-      return std::string(direction[axis] < 0 ? "-" : "") + "xyz"[axis];
+    if (std::abs(direction[axis]) > kAlong) return std::string(direction[axis] < 0 ? "-" : "") + "xyz"[axis];
   return triple(direction, 2);
 }
 
@@ -101,8 +100,8 @@ std::vector<FreeMotion> name_free_motions(const HeldMotions& motions, const FitF
     if (parts.slides.cols() >= 2 && (axis.transpose() * parts.slides).norm() < 0.1) {
       motion.words = "turning about " + direction_words(axis);
     } else {
-      motion.words = "turning about the axis along " + direction_words(axis) + " through " +
-                     triple(through, 1);
+      motion.words =
+          "turning about the axis along " + direction_words(axis) + " through " + triple(through, 1);
     }
     if (std::abs(advance) > 0.02 * frame.lever_mm) {
       char text[60];

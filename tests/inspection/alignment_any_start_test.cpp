@@ -49,7 +49,9 @@ int right_of(const TriangleMesh& part, int runs, bool turns_freely, float seen_f
   return right;
 }
 
-TEST(AlignmentFromAnyStart, Bracket) { EXPECT_EQ(right_of(make_bracket(), 3, false), 3); }
+TEST(AlignmentFromAnyStart, Bracket) {
+  EXPECT_EQ(right_of(make_bracket(), 3, false), 3);
+}
 TEST(AlignmentFromAnyStart, DefectiveBracketAgainstTheGoodOne) {
   const TriangleMesh bad = make_bracket(seeded_defects());
   const SignedDistance model(make_bracket());
@@ -60,7 +62,9 @@ TEST(AlignmentFromAnyStart, DefectiveBracketAgainstTheGoodOne) {
   EXPECT_TRUE(result.converged) << result.status;
   EXPECT_LT(rotation_distance(result.cad_from_cloud, pose.inverse()), 2e-4);
 }
-TEST(AlignmentFromAnyStart, Block) { EXPECT_EQ(right_of(make_prismatic_block(), 2, false), 2); }
+TEST(AlignmentFromAnyStart, Block) {
+  EXPECT_EQ(right_of(make_prismatic_block(), 2, false), 2);
+}
 TEST(AlignmentFromAnyStart, BlockSeenFromAbove) {
   EXPECT_EQ(right_of(make_prismatic_block(), 2, false, -0.3f), 2);
 }

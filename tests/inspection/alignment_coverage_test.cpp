@@ -9,8 +9,8 @@ namespace {
 constexpr int kRuns = 200;
 
 struct Coverage {
-  double within_95 = 0;     ///< Fraction of runs whose 95 % region holds the truth.
-  double mean_ratio = 0;    ///< Mean chi-square over its degrees of freedom: 1 when stated exactly.
+  double within_95 = 0;   ///< Fraction of runs whose 95 % region holds the truth.
+  double mean_ratio = 0;  ///< Mean chi-square over its degrees of freedom: 1 when stated exactly.
   std::vector<std::string> free_words;  ///< Of the last run.
 };
 
@@ -19,8 +19,8 @@ Coverage coverage_of(const TriangleMesh& cad, const std::function<PointCloud(uin
   const SignedDistance model(cad);
   Coverage coverage;
   for (uint32_t seed = 1; seed <= kRuns; ++seed) {
-    const Pose cloud_from_cad = turn_about(cad.bounds().center().cast<double>(), {0.05, -0.03, 0.04},
-                                           {0.05, -0.08, 0.06});
+    const Pose cloud_from_cad =
+        turn_about(cad.bounds().center().cast<double>(), {0.05, -0.03, 0.04}, {0.05, -0.08, 0.06});
     const AlignmentResult result = align_to_model(moved(draw(seed), cloud_from_cad), model, {});
     EXPECT_TRUE(result.converged) << "seed " << seed << ": " << result.status;
     const size_t held = 6 - result.free_motions.size();
@@ -77,8 +77,8 @@ TEST(AlignmentCoverage, APlaneIsFreeInThreeDirections) {
     return top;
   });
   expect_honest(coverage);
-  EXPECT_EQ(coverage.free_words, (std::vector<std::string>{"sliding along x", "sliding along y",
-                                                            "turning about z"}));
+  EXPECT_EQ(coverage.free_words,
+            (std::vector<std::string>{"sliding along x", "sliding along y", "turning about z"}));
 }
 
 }  // namespace

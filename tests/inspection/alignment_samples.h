@@ -39,8 +39,7 @@ inline void add_waves(PointCloud& cloud, double sigma_mm, double length_mm, uint
   for (size_t i = 0; i < cloud.size(); ++i) {
     double height = 0;
     for (const auto& w : waves) height += std::cos(w.head<3>().dot(cloud.points[i].cast<double>()) + w[3]);
-    cloud.points[i] +=
-        static_cast<float>(sigma_mm * height * std::sqrt(2.0 / kWaves)) * cloud.normals[i];
+    cloud.points[i] += static_cast<float>(sigma_mm * height * std::sqrt(2.0 / kWaves)) * cloud.normals[i];
   }
 }
 

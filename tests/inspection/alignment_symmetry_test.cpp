@@ -32,7 +32,9 @@ TEST(AlignmentSymmetry, ACubeHasTwentyFour) {
   EXPECT_EQ(words_of(box_mesh({0, 0, 0}, {50, 50, 50})).size(), 23u);
 }
 
-TEST(AlignmentSymmetry, TheBracketHasNone) { EXPECT_TRUE(words_of(make_bracket()).empty()); }
+TEST(AlignmentSymmetry, TheBracketHasNone) {
+  EXPECT_TRUE(words_of(make_bracket()).empty());
+}
 
 TEST(AlignmentSymmetry, ASmallFeatureBreaksIt) {
   // A rib of 0.3 mm over a seventieth of the top: more than the tolerance, and everywhere else a box.
@@ -45,7 +47,8 @@ TEST(AlignmentSymmetry, ATurnedPartIsFreeNotListed) {
   EXPECT_TRUE(words_of(part).empty());
   const AlignmentResult result = align_to_model(mesh_points(part, 20000, 0.02f), SignedDistance(part), {});
   ASSERT_EQ(result.free_motions.size(), 1u);
-  EXPECT_EQ(result.free_text().rfind("turning about the axis along z through (", 0), 0u) << result.free_text();
+  EXPECT_EQ(result.free_text().rfind("turning about the axis along z through (", 0), 0u)
+      << result.free_text();
   EXPECT_GT(result.covariance.norm(), 100 * result.held_covariance.norm());
 }
 
@@ -66,8 +69,8 @@ TEST(AlignmentSymmetry, ARodMayBeTurnedEndForEnd) {
     rod.triangles.emplace_back(2 * kSegments, next, s);
     rod.triangles.emplace_back(2 * kSegments + 1, kSegments + s, kSegments + next);
   }
-  EXPECT_EQ(words_of(rod), (std::multiset<std::string>{
-                               "turned end for end (by 180 degrees about any axis across z)"}));
+  EXPECT_EQ(words_of(rod),
+            (std::multiset<std::string>{"turned end for end (by 180 degrees about any axis across z)"}));
 }
 
 TEST(AlignmentSymmetry, AFlatHoldsTheTurnedPart) {

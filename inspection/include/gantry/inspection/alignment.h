@@ -37,12 +37,12 @@ struct EquivalentPose {
 /// How one datum was met (alignment to datums, datums.h).
 struct DatumFit {
   std::string name;
-  std::string words;    ///< "plane, fixes 3 freedoms"
-  int fixes = 0;        ///< Freedoms that were open when its turn came, and that it fixed.
-  size_t points = 0;    ///< Of the cloud.
-  double rms_mm = 0;    ///< Of these points about the fitted feature: its form error and noise.
-  double offset_mm = 0; ///< What is left between the fitted feature and the CAD's, at the datum's place ...
-  double tilt_deg = 0;  ///< ... and in direction: what earlier datums did not leave to this one.
+  std::string words;     ///< "plane, fixes 3 freedoms"
+  int fixes = 0;         ///< Freedoms that were open when its turn came, and that it fixed.
+  size_t points = 0;     ///< Of the cloud.
+  double rms_mm = 0;     ///< Of these points about the fitted feature: its form error and noise.
+  double offset_mm = 0;  ///< What is left between the fitted feature and the CAD's, at the datum's place ...
+  double tilt_deg = 0;   ///< ... and in direction: what earlier datums did not leave to this one.
 };
 
 /// A cloud laid onto a CAD model.
@@ -54,16 +54,16 @@ struct AlignmentResult {
   /// The same without the free motions: what the deviations of points are uncertain by, since a free motion
   /// slides surfaces along themselves.
   Matrix6d held_covariance = Matrix6d::Zero();
-  double rms_before_mm = 0;           ///< Over the samples within the initial distance.
-  double rms_after_mm = 0;            ///< Over the inliers.
-  double inlier_fraction = 0;         ///< Of the samples: those that hold the result.
-  double masked_fraction = 0;         ///< Of the samples: those in regions that are no noise.
-  int masked_regions = 0;             ///< Connected regions left out, each with a margin.
-  int iterations = 0;                 ///< Of all fits together.
-  int mask_rounds = 0;                ///< How often fit and mask took turns.
-  bool converged = false;             ///< Pose and mask came to rest.
-  std::string status;                 ///< In words for a person: why it did not converge; empty otherwise.
-  std::vector<FreeMotion> free_motions;     ///< Empty: all six freedoms are held.
+  double rms_before_mm = 0;              ///< Over the samples within the initial distance.
+  double rms_after_mm = 0;               ///< Over the inliers.
+  double inlier_fraction = 0;            ///< Of the samples: those that hold the result.
+  double masked_fraction = 0;            ///< Of the samples: those in regions that are no noise.
+  int masked_regions = 0;                ///< Connected regions left out, each with a margin.
+  int iterations = 0;                    ///< Of all fits together.
+  int mask_rounds = 0;                   ///< How often fit and mask took turns.
+  bool converged = false;                ///< Pose and mask came to rest.
+  std::string status;                    ///< In words for a person: why it did not converge; empty otherwise.
+  std::vector<FreeMotion> free_motions;  ///< Empty: all six freedoms are held.
   std::vector<EquivalentPose> equivalents;  ///< Other than the one given: see find_symmetries().
   std::vector<DatumFit> datums;             ///< Empty for a best fit.
 

@@ -22,7 +22,7 @@ struct Datum {
   DatumKind kind = DatumKind::kPlane;
   Eigen::Vector3d position_mm = Eigen::Vector3d::Zero();  ///< The closest CAD surface is the feature's.
   double radius_mm = 0;  ///< CAD surface and points within this of the position belong to it ...
-  std::optional<Eigen::Vector3d> box_mm;     ///< ... or within a box of this size about it.
+  std::optional<Eigen::Vector3d> box_mm;  ///< ... or within a box of this size about it.
   std::optional<Eigen::Vector3d> normal;  ///< Only surface facing this way (within 60 degrees) is looked for.
 };
 
