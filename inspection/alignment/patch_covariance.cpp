@@ -27,7 +27,7 @@ Eigen::MatrixXd patch_covariance(const Eigen::MatrixXd& curvature, const std::ve
   for (size_t p = 0; p < part.size(); ++p) {
     const Solver leverage(whiten * part[p] * whiten);
     const Eigen::VectorXd rest =
-        (1 - leverage.eigenvalues().array().min(kMostLeverage)).inverse();  // (1 - h)^-1
+        (1 - leverage.eigenvalues().array().min(kMostLeverage)).rsqrt();  // (1 - h)^-1/2
     influence.push_back(leverage.eigenvectors() * rest.asDiagonal() * leverage.eigenvectors().transpose() *
                         (whiten * gradient[p]));
     scatter += influence.back() * influence.back().transpose();
@@ -51,7 +51,7 @@ Eigen::MatrixXd patch_covariance(const Eigen::MatrixXd& curvature, const std::ve
       fourths > 0 ? std::min(patches, squares * squares / fourths * (size + 2) / size) : patches;
   const double freedoms = shrink * size * (count - 1) + (1 - shrink) * (count - size);
   const double wider = 1 + 4 / std::max(4.0, freedoms);
-  return wider * (patches - 1) / patches * whiten * shrunk * whiten;
+  return wider * whiten * shrunk * whiten;
 }
 
 std::vector<int> patches_of(const std::vector<Eigen::Vector3d>& points,

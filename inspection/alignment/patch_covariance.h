@@ -6,7 +6,8 @@
 namespace gantry::internal {
 
 /// Covariance of a weighted least-squares fit whose residuals are correlated with their neighbours':
-/// a delete-one-patch jackknife, each patch's influence by its linearised normal equations, shrunk towards
+/// a sandwich over patches, each patch's gradient set right for what the fit has already taken of its
+/// residuals (Bell and McCaffrey, 2002: "CR2", exact when all residuals are alike), shrunk towards
 /// "all directions alike, in units of what the fit holds" as far as the scatter between patches asks for, and
 /// widened for their small number, so that regions by chi-square hold what those by Fisher's F would.
 /// `curvature` is the full Hessian (positive definite), `part[p]` a patch's share of it, `gradient[p]` its

@@ -83,8 +83,8 @@ struct AlignmentResult {
 ///  3. Directions that only the facets of the mesh hold (a cylinder about its axis), or nothing at all, are
 ///     free: the start is kept along them and they are named.
 ///  4. Covariance: neighbouring residuals are correlated, so surface patches, not points, count as
-///     independent: a jackknife over patches (Cameron and Miller, "A practitioner's guide to cluster-robust
-///     inference", 2015, "CR3"), shrunk towards the homogeneous case as far as its own scatter asks for
+///     independent: a sandwich over patches (Cameron and Miller, "A practitioner's guide to cluster-robust
+///     inference", 2015, "CR2"), shrunk towards the homogeneous case as far as its own scatter asks for
 ///     (Ledoit and Wolf, "A well-conditioned estimator for large-dimensional covariance matrices", 2004).
 ///
 /// Throws InputError for options out of range. Too few points near the model, or no pose found: not

@@ -39,7 +39,7 @@ DatumSet read_datums(const std::filesystem::path& file);
 /// face the CAD's feature; then the pose is built in order of precedence: every datum fixes what the ones
 /// before it left open (a primary plane 3 freedoms, a secondary plane 2, a tertiary one 1) and nothing else.
 /// `start` is a rough alignment of the same cloud, such as a best fit. The covariance follows from the
-/// features' fits (a jackknife over patches of each).
+/// features' fits (a sandwich over patches of each).
 ///
 /// Throws InputError when there is no such feature on the CAD model or too few points lie on it, when a datum
 /// fixes nothing, or when a motion is left open: it is named.
