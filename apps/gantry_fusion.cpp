@@ -5,6 +5,7 @@
 #include "app.h"
 #include "compare_command.h"
 #include "gantry/acquisition/journal.h"
+#include "gantry/foundation/error.h"
 #include "gantry/foundation/file_hash.h"
 #include "gantry/geometry/mesh_file.h"
 #include "gantry/geometry/point_cloud_file.h"
@@ -16,9 +17,10 @@ namespace {
 using namespace gantry;
 
 struct InspectOptions {
-  std::filesystem::path cloud, reference, out, fixture;
+  std::filesystem::path cloud, reference, out, fixture, datums;
   double tolerance_mm = 0;
   std::string align = "best-fit";
+  bool from_any_start = false;
   std::string unit = "mm", reference_unit = "mm";
   bool json = false;
 };
@@ -32,15 +34,24 @@ ExitCode run_inspect(const InspectOptions& o) {
   const TriangleMesh reference = read_mesh(o.reference, o.reference_unit == "m" ? 1000.0 : 1.0);
   InspectionOptions options;
   options.tolerance_mm = o.tolerance_mm;
-  options.align = o.align == "best-fit";
+  options.align = o.align != "none";
+  options.alignment.from_any_start = o.from_any_start;
+  if (o.from_any_start && !options.align)
+    throw InputError("--from-any-start searches for an alignment: it does not go with --align none");
+  if (o.datums.empty() != (o.align != "datum"))
+    throw InputError("--align datum and --datums DATUMS.yaml belong together");
+  if (!o.datums.empty()) options.datums = read_datums(o.datums);
   if (!o.fixture.empty()) options.fixture = read_mesh(o.fixture);
   Traceability trace;
   trace.title = o.reference.stem().string();
   trace.created = utc_now();
   trace.entries = {{"Point cloud", o.cloud.filename().string() + ", sha256 " + sha256_of_file(o.cloud)},
                    {"CAD model", o.reference.filename().string() + ", sha256 " + sha256_of_file(o.reference)},
-                   {"Alignment", o.align},
+                   {"Alignment", o.align + (o.from_any_start ? ", from any start" : "")},
                    {"Software", "gantry " GANTRY_VERSION}};
+  if (!o.datums.empty())
+    trace.entries.push_back(
+        {"Datums", o.datums.filename().string() + ", sha256 " + sha256_of_file(o.datums)});
   return inspect_and_report(cloud, reference, options, trace, o.out, o.json);
 }
 
@@ -68,9 +79,14 @@ int main(int argc, char** argv) {
   inspecting->add_option("--tolerance", ins.tolerance_mm, "Allowed deviation, +- mm")
       ->required()
       ->check(number_within(1e-4, 100));
-  inspecting->add_option("--align", ins.align, "none or best-fit")
-      ->check(CLI::IsMember({"none", "best-fit"}))
+  inspecting
+      ->add_option("--align", ins.align,
+                   "none (the cloud lies in the CAD frame), best-fit, or datum (--datums)")
+      ->check(CLI::IsMember({"none", "best-fit", "datum"}))
       ->capture_default_str();
+  inspecting->add_option("--datums", ins.datums, "DATUMS.yaml: features that locate the part, by precedence");
+  inspecting->add_flag("--from-any-start", ins.from_any_start,
+                       "The cloud may lie anywhere, turned by any angle: search for its pose first");
   inspecting->add_option("--fixture", ins.fixture,
                          "Mesh of what held the part, in the cloud's frame: it is not judged");
   inspecting->add_option("--unit", ins.unit, "Unit of the cloud: mm or m")

@@ -10,6 +10,19 @@
 namespace gantry {
 namespace {
 
+void print_alignment(const AlignmentResult& a) {
+  std::printf("  alignment  residual %.3f mm before, %.4f mm after best fit on %.1f %% of the points\n",
+              a.rms_before_mm, a.rms_after_mm, 100 * a.inlier_fraction);
+  if (a.masked_regions > 0)
+    std::printf("             %d %s left out of it as no noise: %.1f %% of the points\n", a.masked_regions,
+                a.masked_regions == 1 ? "region" : "regions", 100 * a.masked_fraction);
+  for (const DatumFit& d : a.datums)
+    std::printf("  datum %-4s %s; %zu points, rms %.4f mm; left: %.4f mm, %.4f degrees\n", d.name.c_str(),
+                d.words.c_str(), d.points, d.rms_mm, d.offset_mm, d.tilt_deg);
+  if (!a.free_motions.empty()) std::printf("  free       %s\n", a.free_text().c_str());
+  if (!a.equivalents.empty()) std::printf("  symmetry   %s\n", a.symmetry_text().c_str());
+}
+
 void print_summary(const InspectionResult& result, const InspectionOptions& options,
                    const std::filesystem::path& report) {
   const DeviationStatistics& s = result.statistics;
@@ -17,9 +30,7 @@ void print_summary(const InspectionResult& result, const InspectionOptions& opti
   std::printf("  deviation  mean %+.4f mm, sigma %.4f mm, %.2f %% of %zu points within ±%.3f mm\n", s.mean,
               s.sigma, 100 * s.within_tolerance, s.count, options.tolerance_mm);
   std::printf("  coverage   %.1f %% of the CAD surface\n", 100 * result.coverage);
-  if (options.align)
-    std::printf("  alignment  residual %.3f mm before, %.4f mm after best fit\n",
-                result.alignment.rms_before_mm, result.alignment.rms_after_mm);
+  if (options.align) print_alignment(result.alignment);
   if (!result.defects.empty()) {
     std::printf(
         "\n  defect       peak ± U (mm)   area (mm2)   centre x, y, z (mm)        extent x, y, z (mm)\n");

@@ -27,6 +27,7 @@ void validate(const PointCloud& cloud, const InspectionOptions& o) {
   require(!cloud.points.empty(), "the cloud holds no points");
   require(o.tolerance_mm > 0, "the tolerance must be positive");
   require(o.max_distance_mm > o.tolerance_mm, "the largest distance must exceed the tolerance");
+  require(o.symmetry_tolerance_mm >= 0, "the tolerance of symmetries must not be negative");
   require(o.averaging_radius_mm >= 0, "the averaging radius must not be negative");
   require(o.link_distance_mm > 0, "the linking distance must be positive");
   require(o.min_coverage >= 0 && o.min_coverage <= 1, "the least coverage is a fraction from 0 to 1");
@@ -86,6 +87,18 @@ DeviationStatistics statistics_of(std::vector<float> values, double tolerance_mm
   return s;
 }
 
+/// Variance of a point's deviation along `direction` that the alignment brings. A free motion slides the part
+/// along itself: it counts only where it would move the surface across itself, at a rim for example.
+double alignment_variance(const AlignmentResult& alignment, const Eigen::Vector3d& point,
+                          const Eigen::Vector3d& direction) {
+  constexpr double kAlongItself = 0.1;  // mm across for each mm of the motion, about 6 degrees
+  Vector6d j;
+  j << point.cross(direction), direction;
+  for (const FreeMotion& free : alignment.free_motions)
+    if (std::abs(j.dot(free.twist)) > kAlongItself) return j.dot(alignment.covariance * j);
+  return j.dot(alignment.held_covariance * j);
+}
+
 /// Standard uncertainty of one deviation: the smoothed surface's along its normal, the single point's
 /// across it (a point beyond an edge deviates sideways, where nothing was smoothed), the alignment's,
 /// and what neighbours share.
@@ -97,10 +110,9 @@ float standard_uncertainty(const InspectionResult& result, const InspectionOptio
   double along = 1;
   if (result.cloud.has_normals()) along = direction.dot(result.cloud.normals[i].cast<double>());
   const double single = result.cloud.has_sigma() ? result.cloud.sigma_mm[i] : surface.sigma_mm[i];
-  Vector6d j;
-  j << value.closest.cast<double>().cross(direction), direction;
   const double variance = along * along * surface.sigma_mm[i] * surface.sigma_mm[i] +
-                          (1 - along * along) * single * single + j.dot(result.alignment.covariance * j) +
+                          (1 - along * along) * single * single +
+                          alignment_variance(result.alignment, value.closest.cast<double>(), direction) +
                           options.systematic_sigma_mm * options.systematic_sigma_mm;
   return static_cast<float>(std::sqrt(std::max(0.0, variance)));
 }
@@ -121,7 +133,8 @@ void decide(InspectionResult& result, const InspectionOptions& options) {
                   options.tolerance_mm, result.defects.front().peak_mm);
   } else if (options.align && !result.alignment.converged) {
     result.verdict = Verdict::kUndecided;
-    std::snprintf(text, sizeof text, "The alignment to the CAD model did not converge.");
+    std::snprintf(text, sizeof text, "The alignment to the CAD model is not to be relied on: %s.",
+                  result.alignment.status.c_str());
   } else if (result.coverage < options.min_coverage) {
     result.verdict = Verdict::kUndecided;
     std::snprintf(text, sizeof text,
@@ -167,8 +180,14 @@ InspectionResult inspect(const PointCloud& cloud, const SignedDistance& referenc
       if (to_fixture[i] < options.fixture_margin_mm) continue;
       free.points.push_back(cloud.points[i]);
       if (cloud.has_normals()) free.normals.push_back(cloud.normals[i]);
+      if (cloud.has_sigma()) free.sigma_mm.push_back(cloud.sigma_mm[i]);
     }
     result.alignment = align_to_model(free, reference, options.alignment);
+    if (options.datums && result.alignment.converged)
+      result.alignment =
+          align_to_datums(free, reference, *options.datums, result.alignment, options.alignment);
+    if (options.symmetry_tolerance_mm > 0 && result.alignment.converged)
+      result.alignment.equivalents = find_symmetries(reference, options.symmetry_tolerance_mm);
   } else {
     result.alignment.converged = true;
   }

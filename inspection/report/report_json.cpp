@@ -37,6 +37,37 @@ Json defect_json(const Defect& d) {
           {"certain", d.certain}};
 }
 
+Json alignment_json(const AlignmentResult& a) {
+  Json json = {{"cad_from_cloud", rows(a.cad_from_cloud.matrix())},
+               {"covariance", rows(a.covariance)},
+               {"held_covariance", rows(a.held_covariance)},
+               {"rms_before_mm", a.rms_before_mm},
+               {"rms_after_mm", a.rms_after_mm},
+               {"inlier_fraction", a.inlier_fraction},
+               {"masked_fraction", a.masked_fraction},
+               {"masked_regions", a.masked_regions},
+               {"iterations", a.iterations},
+               {"mask_rounds", a.mask_rounds},
+               {"converged", a.converged},
+               {"status", a.status}};
+  json["free_motions"] = Json::array();
+  for (const FreeMotion& m : a.free_motions)
+    json["free_motions"].push_back({{"words", m.words}, {"twist", rows(m.twist.transpose())[0]}});
+  json["equivalent_poses"] = Json::array();
+  for (const EquivalentPose& e : a.equivalents)
+    json["equivalent_poses"].push_back({{"words", e.words}, {"motion", rows(e.motion.matrix())}});
+  json["datums"] = Json::array();
+  for (const DatumFit& d : a.datums)
+    json["datums"].push_back({{"name", d.name},
+                              {"words", d.words},
+                              {"fixes", d.fixes},
+                              {"points", d.points},
+                              {"rms_mm", d.rms_mm},
+                              {"offset_mm", d.offset_mm},
+                              {"tilt_deg", d.tilt_deg}});
+  return json;
+}
+
 }  // namespace
 
 std::string report_json(const InspectionResult& result, const InspectionOptions& options,
@@ -61,14 +92,7 @@ std::string report_json(const InspectionResult& result, const InspectionOptions&
   json["point_classes"] = {{"judged", count(PointClass::kJudged)},
                            {"fixture", count(PointClass::kFixture)},
                            {"far", count(PointClass::kFar)}};
-  const AlignmentResult& a = result.alignment;
-  json["alignment"] = {{"cad_from_cloud", rows(a.cad_from_cloud.matrix())},
-                       {"covariance", rows(a.covariance)},
-                       {"rms_before_mm", a.rms_before_mm},
-                       {"rms_after_mm", a.rms_after_mm},
-                       {"inlier_fraction", a.inlier_fraction},
-                       {"iterations", a.iterations},
-                       {"converged", a.converged}};
+  json["alignment"] = alignment_json(result.alignment);
   json["defects"] = Json::array();
   for (const Defect& d : result.defects) json["defects"].push_back(defect_json(d));
   json["traceability"] = Json::object();

@@ -9,6 +9,7 @@
 #include "gantry/geometry/pose.h"
 #include "gantry/geometry/signed_distance.h"
 #include "gantry/inspection/alignment.h"
+#include "gantry/inspection/datums.h"
 
 namespace gantry {
 
@@ -19,6 +20,10 @@ struct InspectionOptions {
   double tolerance_mm = 0;  ///< Deviations within +- this are good. Must be set, positive.
   bool align = true;        ///< Best fit to the CAD model first; otherwise the cloud is taken as it stands.
   AlignmentOptions alignment;
+  std::optional<DatumSet> datums;  ///< After the best fit, lay the cloud onto the model by these alone.
+  /// Motions that lay the CAD model onto itself to within this are looked for: the poses of the cloud that
+  /// they lead to cannot be told apart. 0: not looked for.
+  double symmetry_tolerance_mm = 0.05;
   double max_distance_mm = 10;  ///< Points further from the CAD surface than this do not belong to the part.
   /// A point is measured to faces whose normal is within this of its own (100 degrees): never to the
   /// other face of a thin wall, but past an edge.
