@@ -153,7 +153,10 @@ std::string magnitudes_svg(const Distribution& distribution, const ColourScale& 
   constexpr double kWidth = 560, kHeight = 318, kLeft = 50, kRight = 14, kTop = 30, kBottom = 66;
   constexpr double kPlotWidth = kWidth - kLeft - kRight, kPlotHeight = kHeight - kTop - kBottom;
   constexpr size_t kBars = 60;
-  const double floor_y = kTop + kPlotHeight, reach = 1.5 * colours.tolerance_mm(), bin = reach / kBars;
+  const double tolerance = colours.tolerance_mm(), floor_y = kTop + kPlotHeight;
+  // Wide enough for the good surface, whose shape the fit is about.
+  const double usual = distribution.magnitudes_mm.empty() ? 0.0 : 6 * distribution.magnitude_p50_mm;
+  const double reach = std::clamp(usual, 0.2 * tolerance, 1.5 * tolerance), bin = reach / kBars;
   std::vector<size_t> counts(kBars, 0);
   size_t beyond = 0;
   for (const float v : distribution.magnitudes_mm) {
@@ -181,9 +184,12 @@ std::string magnitudes_svg(const Distribution& distribution, const ColourScale& 
     svg += "<rect class=\"magnitude\" x=\"" + coordinate(x) + "\" y=\"" + coordinate(y) + "\" width=\"" +
            coordinate(to_x(bin) - kLeft - 0.6) + "\" height=\"" + coordinate(floor_y - y) + "\"/>";
   }
-  const double limit = to_x(colours.tolerance_mm());
-  svg += line("limit", limit, kTop - 6, limit, floor_y);
-  svg += text(limit, kTop - 12, "middle", fixed(colours.tolerance_mm(), 2) + " tolerance", "strong");
+  if (tolerance < reach) {
+    svg += line("limit", to_x(tolerance), kTop - 6, to_x(tolerance), floor_y);
+    svg += text(to_x(tolerance), kTop - 12, "middle", fixed(tolerance, 2) + " tolerance", "strong");
+  } else {
+    svg += text(kWidth - kRight, kTop - 12, "end", "tolerance " + fixed(tolerance, 2) + " \u2192", "strong");
+  }
   if (distribution.weibull) {
     std::string path;
     const double points = static_cast<double>(distribution.magnitudes_mm.size()) * bin;

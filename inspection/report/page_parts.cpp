@@ -107,7 +107,7 @@ std::string cuts_section(const PageContent& c, const ColourScale& colours) {
     html += "<figure class=\"card\"><figcaption><b>" + escaped(section_name(section)) +
             "</b><span>deviations \u00d7\u202f" + times + "</span></figcaption>" +
             section_svg(section, colours) + "<p class=\"fine\">" +
-            (section.through > 0 ? "Through the peak of defect " + std::to_string(section.through) + ". "
+            (section.through > 0 ? "Through defect " + std::to_string(section.through) + ". "
                                  : std::string("Through the middle of the part. "));
     if (s.count > 0) {
       html += "Measured: " + signed_mm(s.min) + " \u2026 " + signed_mm(s.max) + ", mean " +
@@ -148,7 +148,8 @@ std::string coverage_section(const PageContent& c) {
       "<div class=\"keys\"><div><span class=\"swatch\" style=\"background:" +
       hex(kSeenColour) + "\"></span><span>seen: <b>" + percent(c.result.coverage) +
       "</b></span></div><div><span class=\"swatch unseen\"></span><span>not seen: <b>" +
-      fixed(100 * unseen, 2) + "\u202f%</b>, " + fixed(unseen * c.facts.surface_mm2, 0) + " of " +
+      fixed(100 - std::floor(1e4 * c.result.coverage + 1e-6) / 100, 2) + "\u202f%</b>, " +
+      fixed(unseen * c.facts.surface_mm2, 0) + " of " +
       grouped(static_cast<size_t>(std::llround(c.facts.surface_mm2))) +
       "\u202fmm\u00b2</span></div></div><table><thead><tr><th>Faces towards</th><th "
       "class=\"n\">mm\u00b2</th><th "

@@ -13,7 +13,7 @@ namespace {
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
 constexpr int kBandRows = 16;         // rows that one task draws
 constexpr int kSamples = 4;           // per pixel and direction where surfaces meet
-constexpr int kHatchPixels = 12;      // from line to line, sideways
+constexpr int kHatchPixels = 18;      // from line to line, sideways
 constexpr float kSameNormal = 0.93f;  // cosine; a sharper turn is an edge
 constexpr float kBiasMm = 0.15f;      // the CAD surface wins over discs that lie in it
 

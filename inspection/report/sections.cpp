@@ -120,7 +120,7 @@ std::vector<Section> sections(const TriangleMesh& cad, const MeasuredSurface& me
     int best = -1;
     for (int axis = 0; axis < 3; ++axis) {
       if (through[axis] >= 0 || !(std::abs(d.normal[axis]) < 0.7)) continue;
-      if (d.peak_at_mm[axis] <= box.min()[axis] || d.peak_at_mm[axis] >= box.max()[axis]) continue;
+      if (d.centre_mm[axis] <= box.min()[axis] || d.centre_mm[axis] >= box.max()[axis]) continue;
       // The cut runs across the region where it is longest.
       if (best < 0 || d.extent_mm[axis] < d.extent_mm[best]) best = axis;
     }
@@ -134,7 +134,10 @@ std::vector<Section> sections(const TriangleMesh& cad, const MeasuredSurface& me
     section.slab_mm = 0.5f * measured.reach_mm;
     if (through[axis] >= 0) {
       section.through = defects[through[axis]].id;
-      section.offset_mm = static_cast<float>(defects[through[axis]].peak_at_mm[axis]);
+      const Defect& d = defects[through[axis]];
+      const double inner = 0.3 * d.extent_mm[axis];  // the peak may lie at the very end of the surface
+      section.offset_mm = static_cast<float>(
+          std::clamp(d.peak_at_mm[axis], d.centre_mm[axis] - inner, d.centre_mm[axis] + inner));
     } else {
       section.offset_mm = box.center()[axis];
     }

@@ -26,7 +26,7 @@ struct Section {
   char letter = 'A';
   int axis = 0;  ///< 0, 1, 2: the plane x, y or z = offset_mm.
   float offset_mm = 0;
-  int through = 0;    ///< The defect whose peak lies in the plane; 0: none.
+  int through = 0;    ///< The defect that the plane cuts, at its peak or near it; 0: none.
   float slab_mm = 0;  ///< What was measured within this of the plane belongs to it.
   std::vector<SectionLine> outline;
   std::vector<Measured> measured;

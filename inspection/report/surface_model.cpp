@@ -8,6 +8,7 @@
 #include <optional>
 #include <tuple>
 #include <unordered_map>
+#include <unordered_set>
 
 #include "gantry/geometry/point_index.h"
 
@@ -110,6 +111,7 @@ class Measurements {
   void measure(Vertex& vertex) const {
     thread_local std::vector<PointIndex::Neighbour> near;
     const float reach = measured_.reach_mm, sharpness = 4.5f / (reach * reach);
+    near.clear();
     if (!points_.empty()) index_->within(vertex.position, reach, near);
     double weight = 0, deviation = 0, uncertainty = 0, defect = 0;
     float strongest = 0;
@@ -224,25 +226,33 @@ class Refinement {
   struct Candidate {
     uint64_t edge;
     float gain;
-    Vertex middle;
   };
 
   const Eigen::Vector3f& position(int v) const { return model_.vertices[v].position; }
 
+  Vertex middle_of(uint64_t edge) const {
+    const Vertex &a = model_.vertices[first_of(edge)], &b = model_.vertices[second_of(edge)];
+    Vertex middle;
+    middle.position = 0.5f * (a.position + b.position);
+    middle.normal = (a.normal + b.normal).stableNormalized();
+    measurements_.measure(middle);
+    return middle;
+  }
+
   /// How wrong the edge is about its middle, in multiples of what is allowed.
-  float gain(const Candidate& c) const {
-    const Vertex &a = model_.vertices[first_of(c.edge)], &b = model_.vertices[second_of(c.edge)];
+  float gain(uint64_t edge, const Vertex& middle) const {
+    const Vertex &a = model_.vertices[first_of(edge)], &b = model_.vertices[second_of(edge)];
     const float length = (a.position - b.position).norm();
     if (length > coarse_mm_) return 1000 * length / coarse_mm_;
     if (length < fine_mm_) return 0;
-    if (a.seen != b.seen || a.seen != c.middle.seen) return 10;
-    if (!c.middle.seen) return 0;
+    if (a.seen != b.seen || a.seen != middle.seen) return 10;
+    if (!middle.seen) return 0;
     const auto shown = [&](float deviation) {
       return std::clamp(deviation, -2.2f * tolerance_, 2.2f * tolerance_);
     };
     const float wrong =
-        std::abs(shown(c.middle.deviation_mm) - 0.5f * (shown(a.deviation_mm) + shown(b.deviation_mm)));
-    const float outline = std::abs(c.middle.defect_share - 0.5f * (a.defect_share + b.defect_share));
+        std::abs(shown(middle.deviation_mm) - 0.5f * (shown(a.deviation_mm) + shown(b.deviation_mm)));
+    const float outline = std::abs(middle.defect_share - 0.5f * (a.defect_share + b.defect_share));
     return std::max(wrong / (kSharpestChange * tolerance_), outline / 0.15f);
   }
 
@@ -260,39 +270,72 @@ class Refinement {
     std::vector<Candidate> candidates(fresh.size());
     tbb::parallel_for(size_t{0}, fresh.size(), [&](size_t i) {
       Candidate& c = candidates[i];
-      const Vertex &a = model_.vertices[first_of(fresh[i])], &b = model_.vertices[second_of(fresh[i])];
       c.edge = fresh[i];
-      c.middle.position = 0.5f * (a.position + b.position);
-      c.middle.normal = (a.normal + b.normal).stableNormalized();
-      measurements_.measure(c.middle);
-      c.gain = gain(c);
+      c.gain = gain(fresh[i], middle_of(fresh[i]));
     });
     settled_ = std::move(edges);
     return candidates;
+  }
+
+  /// The longest of a triangle's edges; of equal ones always the same.
+  uint64_t longest_edge(const Eigen::Vector3i& t) const {
+    std::pair<float, uint64_t> longest{-1.0f, 0};
+    for (int k = 0; k < 3; ++k) {
+      const int a = t[k], b = t[(k + 1) % 3];
+      longest = std::max(longest, {(position(a) - position(b)).squaredNorm(), edge_key(a, b)});
+    }
+    return longest.second;
+  }
+
+  /// The given edges and the longest one of every triangle that has one of them: a triangle whose longest
+  /// edge is always divided, too, does not become a needle, and edges become shorter (Rivara, 1984).
+  std::vector<uint64_t> with_longest_edges(std::vector<uint64_t> edges) const {
+    std::unordered_set<uint64_t> marked(edges.begin(), edges.end());
+    for (bool more = true; more;) {
+      more = false;
+      for (const auto& t : model_.triangles) {
+        const bool divided = marked.contains(edge_key(t[0], t[1])) || marked.contains(edge_key(t[1], t[2])) ||
+                             marked.contains(edge_key(t[2], t[0]));
+        if (!divided || !marked.insert(longest_edge(t)).second) continue;
+        edges.push_back(longest_edge(t));
+        more = true;
+      }
+    }
+    return edges;
   }
 
   bool divide() {
     // An edge costs about two triangles.
     const size_t room = model_.triangles.size() < most_ ? (most_ - model_.triangles.size()) / 2 : 0;
     if (room == 0) return false;
-    std::vector<Candidate> chosen = new_edges();
-    std::erase_if(chosen, [](const Candidate& c) { return c.gain <= 1; });
-    std::sort(chosen.begin(), chosen.end(), [](const Candidate& a, const Candidate& b) {
+    std::vector<Candidate> candidates = new_edges();
+    std::erase_if(candidates, [](const Candidate& c) { return c.gain <= 1; });
+    std::sort(candidates.begin(), candidates.end(), [](const Candidate& a, const Candidate& b) {
       return a.gain != b.gain ? a.gain > b.gain : a.edge < b.edge;
     });
-    if (chosen.size() > room) chosen.resize(room);
+    std::vector<uint64_t> edges;
+    for (const Candidate& c : candidates) edges.push_back(c.edge);
+    if (edges.size() > room) edges.resize(room);
+    std::vector<uint64_t> chosen = with_longest_edges(edges);
+    while (chosen.size() > room) {
+      edges.resize(edges.size() / 2);
+      chosen = with_longest_edges(edges);
+    }
     if (chosen.empty()) return false;
-    std::unordered_map<uint64_t, int> middle_of;
-    for (const Candidate& c : chosen) {
-      middle_of[c.edge] = static_cast<int>(model_.vertices.size());
-      model_.vertices.push_back(c.middle);
+
+    std::vector<Vertex> middles(chosen.size());
+    tbb::parallel_for(size_t{0}, chosen.size(), [&](size_t i) { middles[i] = middle_of(chosen[i]); });
+    std::unordered_map<uint64_t, int> middle_at;
+    for (size_t i = 0; i < chosen.size(); ++i) {
+      middle_at[chosen[i]] = static_cast<int>(model_.vertices.size());
+      model_.vertices.push_back(middles[i]);
     }
     std::vector<Eigen::Vector3i> triangles;
     for (const auto& t : model_.triangles) {
       std::array<int, 3> middle;
       for (int k = 0; k < 3; ++k) {
-        const auto found = middle_of.find(edge_key(t[k], t[(k + 1) % 3]));
-        middle[k] = found == middle_of.end() ? -1 : found->second;
+        const auto found = middle_at.find(edge_key(t[k], t[(k + 1) % 3]));
+        middle[k] = found == middle_at.end() ? -1 : found->second;
       }
       cut(t, middle, triangles);
     }
@@ -354,8 +397,25 @@ void extend_over_borders(SurfaceModel& model) {
       model.vertices[i].deviation_mm = sums[i].first / static_cast<float>(sums[i].second);
 }
 
-/// Vertices in the order in which triangles use them, triangles in the order of their place: neighbours in
-/// the lists are neighbours on the surface, which makes them short to write.
+/// Evens out the share of defective surface, so that a defect's outline does not follow single points.
+void smooth_defect_shares(SurfaceModel& model) {
+  constexpr int kRounds = 5;
+  std::vector<std::pair<float, float>> sums(model.vertices.size());
+  for (int round = 0; round < kRounds; ++round) {
+    for (size_t i = 0; i < sums.size(); ++i) sums[i] = {model.vertices[i].defect_share, 1.0f};
+    for (const auto& t : model.triangles)
+      for (int k = 0; k < 3; ++k)
+        for (const int other : {t[(k + 1) % 3], t[(k + 2) % 3]}) {
+          if (!model.vertices[other].seen) continue;
+          sums[t[k]].first += 0.5f * model.vertices[other].defect_share;
+          sums[t[k]].second += 0.5f;
+        }
+    for (size_t i = 0; i < sums.size(); ++i) model.vertices[i].defect_share = sums[i].first / sums[i].second;
+  }
+}
+
+/// Vertices in the order in which triangles use them: neighbours in the list are mostly neighbours on the
+/// surface, which makes triangles short to write.
 void put_in_order(SurfaceModel& model) {
   std::vector<int> number(model.vertices.size(), -1);
   std::vector<Vertex> vertices;
@@ -377,6 +437,7 @@ SurfaceModel surface_model(const TriangleMesh& cad, const MeasuredSurface& measu
   SurfaceModel model = split_at_creases(within_budget(cad, most_triangles / 2));
   Refinement(model, measured, tolerance_mm, most_triangles).run();
   extend_over_borders(model);
+  smooth_defect_shares(model);
   put_in_order(model);
   return model;
 }

@@ -133,7 +133,7 @@
       }
       #ifndef DISC
       if (!gl_FrontFacing) c = vec3(0.36, 0.37, 0.39);
-      else c = mix(c, vec3(0.07, 0.08, 0.10), 0.8 * clamp(1.6 - abs(share - 0.5) / slope, 0.0, 1.0));
+      else c = mix(c, vec3(0.07, 0.08, 0.10), 0.8 * clamp(1.3 - abs(share - 0.5) / slope, 0.0, 1.0));
       #endif
       colour = vec4(c * min(0.62 + 0.42 * max(dot(normal, light), 0.0), 1.04), 1.0);
     }`;
@@ -308,7 +308,8 @@
 
   // ---- Drawing ------------------------------------------------------------------------------------------
 
-  let width = 0, height = 0, waiting = false, lookedUp = -Infinity, later = 0;
+  let width = 0, height = 0, waiting = false;
+  let stale = true, lookedUp = -Infinity, lookUpTook = 0, later = 0;  // of what `pick` holds
   const sectionsShown = document.getElementById('viewer-sections');
 
   function use({ p, at }, bias = 0) {
@@ -368,18 +369,15 @@
     gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
     drawLines(scene.creases, [0.07, 0.08, 0.10, 0.55]);
     if (sectionsShown.checked) for (const section of scene.sections) drawLines(section, [0.85, 0.1, 0.75, 1]);
-    // Looking up costs a read back from the graphics card: ten times a second while the part moves.
+    // Looking up reads back from the graphics card: where that is slow, ten times a second while the part moves.
     clearTimeout(later);
-    if (performance.now() - lookedUp > 100) {
-      lookUp();
-      lookedUp = performance.now();
-    } else {
-      later = setTimeout(redraw, 120);
-    }
+    if (lookUpTook < 12 || performance.now() - lookedUp > 100) lookUp();
+    else later = setTimeout(redraw, 120);
     overlay();
   }
 
   function redraw() {
+    stale = true;
     if (waiting) return;
     waiting = true;
     requestAnimationFrame(draw);
@@ -387,6 +385,7 @@
 
   /** Draws what lies where into `pick`, at half the resolution of the stage. */
   function lookUp() {
+    const began = performance.now();
     const w = Math.ceil(width / 2), h = Math.ceil(height / 2);
     gl.bindFramebuffer(gl.FRAMEBUFFER, pick.frame);
     if (pick.width !== w || pick.height !== h) {
@@ -405,6 +404,9 @@
     gl.clearBufferfv(gl.DEPTH, 0, [1]);
     drawSolid(scene.surfaceLook, scene.discLook);
     gl.readPixels(0, 0, w, h, gl.RGBA_INTEGER, gl.UNSIGNED_INT, pick.bits);
+    stale = false;
+    lookedUp = performance.now();
+    lookUpTook = lookedUp - began;
   }
 
   /** What lies at a place of the stage (CSS pixels): position, deviation, ...; null where nothing does. */
@@ -451,12 +453,14 @@
     for (const defect of data.defects) {
       const [x, y, before] = project(defect.at, view);
       if (x < 0 || y < 0 || x > width || y > height) continue;
-      let hidden = true;
-      for (const [dx, dy] of [[0, 0], [3, 0], [-3, 0], [0, 3], [0, -3]]) {
-        const there = found(x + dx, y + dy);
-        if (!there || there.before < before + Math.abs(defect.peak_mm) + 0.5 + 6 * camera.mmPerPixel) hidden = false;
+      if (!stale) {
+        const most = before + Math.abs(defect.peak_mm) + 0.5 + 6 * camera.mmPerPixel;
+        defect.hidden = [[0, 0], [3, 0], [-3, 0], [0, 3], [0, -3]].every(([dx, dy]) => {
+          const there = found(x + dx, y + dy);
+          return there && there.before > most;
+        });
       }
-      if (hidden) continue;
+      if (defect.hidden) continue;
       const out = [x - width / 2, y - height / 2], length = Math.hypot(...out) || 1;
       shown.push({ defect, x, y, bx: x + 40 * out[0] / length, by: y + 40 * out[1] / length });
     }
@@ -482,6 +486,7 @@
       const line = { x1: l.x, y1: l.y, x2: l.bx, y2: l.by };
       element(drawing, 'line', { ...line, class: 'halo' });
       element(drawing, 'line', { ...line, class: 'leader' });
+      element(drawing, 'circle', { cx: l.x, cy: l.y, r: 3, class: 'dot' });
       const link = element(drawing, 'a', { href: '#defect-' + l.defect.id });
       element(link, 'title', {}, 'Defect ' + l.defect.id + ': ' + signed(l.defect.peak_mm, 3) + ' mm');
       element(link, 'circle', { cx: l.bx, cy: l.by, r: 12, class: 'badge' });
@@ -504,6 +509,7 @@
   }
 
   function showTip(x, y) {
+    if (stale) lookUp();
     const there = found(x, y);
     tip.hidden = !there;
     if (!there) return;
@@ -631,9 +637,9 @@
   note.textContent = matchMedia('(pointer: coarse)').matches
     ? 'One finger turns, two fingers move and zoom, a tap shows the deviation.'
     : 'Drag to turn, drag with the right button or Shift to move, click and then scroll to zoom. Point at the part for its deviation \u00b1 U (95\u202f%).';
-  new ResizeObserver(() => {
+  function resize() {
     const box = stage.getBoundingClientRect();
-    if (box.width === 0) return;
+    if (box.width === 0 || (box.width === width && box.height === height)) return;
     const first = width === 0, fitted = camera.mmPerPixel * width;
     [width, height] = [box.width, box.height];
     canvas.width = Math.round(width * devicePixelRatio);
@@ -642,7 +648,10 @@
     if (first) fit();
     else camera.mmPerPixel = fitted / width;
     pick.width = 0;
+    stale = true;
     lookedUp = -Infinity;
-    redraw();
-  }).observe(stage);
+    draw();
+  }
+  new ResizeObserver(resize).observe(stage);
+  resize();
 })();
