@@ -22,10 +22,11 @@ void aim(Camera& camera, const Eigen::Vector3f& towards) {
   camera.up = camera.towards.cross(camera.right);
 }
 
-Camera fitted_camera(const TriangleMesh& mesh, const Eigen::Vector3f& towards) {
+Camera fitted_camera(const TriangleMesh& mesh, const Eigen::Vector3f& towards, int width = kOverviewWidth,
+                     int height = kOverviewHeight) {
   Camera camera;
-  camera.width = kOverviewWidth;
-  camera.height = kOverviewHeight;
+  camera.width = width;
+  camera.height = height;
   aim(camera, towards);
   Eigen::AlignedBox3f box;  // in the camera's axes
   for (const auto& triangle : mesh.triangles)
@@ -56,10 +57,11 @@ std::string axis_text(float sign, char axis) {
 }
 
 /// 30 degrees of elevation for a part that stands, like the drawing office's isometric view.
-NamedCamera isometric(const TriangleMesh& mesh, float sx, float sy, float sz) {
+NamedCamera isometric(const TriangleMesh& mesh, float sx, float sy, float sz, int width = kOverviewWidth,
+                      int height = kOverviewHeight) {
   const std::string from = axis_text(sx, 'x') + " " + axis_text(sy, 'y') + " " + axis_text(sz, 'z');
   return {std::string("Isometric from ") + (sz > 0 ? "above" : "below") + " (" + from + ")",
-          fitted_camera(mesh, {sx, sy, 0.82f * sz})};
+          fitted_camera(mesh, {sx, sy, 0.82f * sz}, width, height)};
 }
 
 }  // namespace
@@ -80,8 +82,9 @@ std::vector<NamedCamera> overview_cameras(const TriangleMesh& mesh) {
 }
 
 std::vector<NamedCamera> coverage_cameras(const TriangleMesh& mesh) {
-  return {isometric(mesh, 1, -1, 1), isometric(mesh, -1, 1, 1), isometric(mesh, 1, 1, -1),
-          isometric(mesh, -1, -1, -1)};
+  constexpr int kWidth = 600, kHeight = 430;
+  return {isometric(mesh, 1, -1, 1, kWidth, kHeight), isometric(mesh, -1, 1, 1, kWidth, kHeight),
+          isometric(mesh, 1, 1, -1, kWidth, kHeight), isometric(mesh, -1, -1, -1, kWidth, kHeight)};
 }
 
 Camera close_up_camera(const Defect& defect, const Eigen::Vector3f& facing, const RayScene& scene) {

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numeric>
 #include <optional>
 #include <tuple>
@@ -79,14 +80,22 @@ TriangleMesh clustered(const TriangleMesh& mesh, float cell_mm) {
     keys.push_back({c.x(), c.y(), c.z(), dominant_axis(normals[i])});
   }
   const auto [number, count] = numbered(keys);
-  TriangleMesh out;
-  out.vertices.assign(count, Eigen::Vector3f::Zero());
-  std::vector<float> members(count, 0.0f);
+  std::vector<Eigen::Vector3f> middles(count, Eigen::Vector3f::Zero());
+  std::vector<float> members(count, 0.0f), nearest(count, std::numeric_limits<float>::infinity());
   for (size_t i = 0; i < number.size(); ++i) {
-    out.vertices[number[i]] += mesh.vertices[i];
+    middles[number[i]] += mesh.vertices[i];
     ++members[number[i]];
   }
-  for (int i = 0; i < count; ++i) out.vertices[i] /= members[i];
+  // The member that is nearest to their middle stands for all, for it lies on the surface.
+  TriangleMesh out;
+  out.vertices.resize(count);
+  for (size_t i = 0; i < number.size(); ++i) {
+    const int cell = number[i];
+    const float distance = (mesh.vertices[i] - middles[cell] / members[cell]).squaredNorm();
+    if (distance >= nearest[cell]) continue;
+    nearest[cell] = distance;
+    out.vertices[cell] = mesh.vertices[i];
+  }
   for (const auto& t : mesh.triangles) out.triangles.emplace_back(number[t[0]], number[t[1]], number[t[2]]);
   return welded(out);
 }
