@@ -280,7 +280,8 @@ TEST(SurfaceModel, AFineModelIsMadeCoarserWithinItsShape) {
   EXPECT_LE(model.triangles.size(), 10000u);
   EXPECT_NEAR(area(model) / mesh.surface_area(), 1, 0.02);
   for (const auto& v : model.vertices)
-    EXPECT_NEAR(std::hypot(std::hypot(v.position.x(), v.position.y()) - 20, v.position.z()), 5, 0.2);  // chords of 2.5 mm
+    EXPECT_NEAR(std::hypot(std::hypot(v.position.x(), v.position.y()) - 20, v.position.z()), 5,
+                0.2);  // chords of 2.5 mm
 }
 
 std::string from_base64(const std::string& text) {
