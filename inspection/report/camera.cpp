@@ -22,10 +22,11 @@ void aim(Camera& camera, const Eigen::Vector3f& towards) {
   camera.up = camera.towards.cross(camera.right);
 }
 
-Camera fitted_camera(const TriangleMesh& mesh, const Eigen::Vector3f& towards) {
+Camera fitted_camera(const TriangleMesh& mesh, const Eigen::Vector3f& towards, int width = kOverviewWidth,
+                     int height = kOverviewHeight) {
   Camera camera;
-  camera.width = kOverviewWidth;
-  camera.height = kOverviewHeight;
+  camera.width = width;
+  camera.height = height;
   aim(camera, towards);
   Eigen::AlignedBox3f box;  // in the camera's axes
   for (const auto& triangle : mesh.triangles)
@@ -55,28 +56,35 @@ std::string axis_text(float sign, char axis) {
   return std::string(sign > 0 ? "+" : "\u2212") + axis;
 }
 
+/// 30 degrees of elevation for a part that stands, like the drawing office's isometric view.
+NamedCamera isometric(const TriangleMesh& mesh, float sx, float sy, float sz, int width = kOverviewWidth,
+                      int height = kOverviewHeight) {
+  const std::string from = axis_text(sx, 'x') + " " + axis_text(sy, 'y') + " " + axis_text(sz, 'z');
+  return {std::string("Isometric from ") + (sz > 0 ? "above" : "below") + " (" + from + ")",
+          fitted_camera(mesh, {sx, sy, 0.82f * sz}, width, height)};
+}
+
 }  // namespace
 
 std::vector<NamedCamera> overview_cameras(const TriangleMesh& mesh) {
   const Eigen::Vector3f x = Eigen::Vector3f::UnitX(), y = Eigen::Vector3f::UnitY(),
                         z = Eigen::Vector3f::UnitZ();
-  const auto isometric = [&](float sx, float sy, float sz) {
-    const std::string from = axis_text(sx, 'x') + " " + axis_text(sy, 'y') + " " + axis_text(sz, 'z');
-    // 30 degrees of elevation for a part that stands, like the drawing office's isometric view.
-    const Eigen::Vector3f towards = sx * x + sy * y + sz * 0.82f * z;
-    return NamedCamera{std::string("Isometric from ") + (sz > 0 ? "above" : "below") + " (" + from + ")",
-                       fitted_camera(mesh, towards)};
-  };
   const bool along_x =
       facing_area(mesh, x) + facing_area(mesh, -x) >= facing_area(mesh, y) + facing_area(mesh, -y);
   const Eigen::Vector3f side = along_x ? x : y;
   const char axis = along_x ? 'x' : 'y';
-  return {isometric(1, -1, 1),
-          isometric(-1, 1, 1),
-          isometric(1, 1, -1),
+  return {isometric(mesh, 1, -1, 1),
+          isometric(mesh, -1, 1, 1),
+          isometric(mesh, 1, 1, -1),
           {"Side, seen from " + axis_text(1, axis), fitted_camera(mesh, side)},
           {"Side, seen from " + axis_text(-1, axis), fitted_camera(mesh, -side)},
           {"Top, seen from +z", fitted_camera(mesh, z)}};
+}
+
+std::vector<NamedCamera> coverage_cameras(const TriangleMesh& mesh) {
+  constexpr int kWidth = 600, kHeight = 430;
+  return {isometric(mesh, 1, -1, 1, kWidth, kHeight), isometric(mesh, -1, 1, 1, kWidth, kHeight),
+          isometric(mesh, 1, 1, -1, kWidth, kHeight), isometric(mesh, -1, -1, -1, kWidth, kHeight)};
 }
 
 Camera close_up_camera(const Defect& defect, const Eigen::Vector3f& facing, const RayScene& scene) {

@@ -43,6 +43,9 @@ struct NamedCamera {
 /// opposite from above, one from below), the two opposite sides with the most surface, and the top.
 std::vector<NamedCamera> overview_cameras(const TriangleMesh& mesh);
 
+/// Four views from alternate corners of a cube, which together show all that can be seen from outside.
+std::vector<NamedCamera> coverage_cameras(const TriangleMesh& mesh);
+
 /// Looks straight at a defect's peak, from the side to which `facing` points, wide enough for the region.
 Camera close_up_camera(const Defect& defect, const Eigen::Vector3f& facing, const RayScene& scene);
 

@@ -64,23 +64,6 @@ Histogram histogram(const std::vector<float>& values, double reach_mm) {
 
 }  // namespace
 
-Distribution distribution(const InspectionResult& result) {
-  Distribution d;
-  for (size_t i = 0; i < result.deviation_mm.size(); ++i)
-    if (result.point_class[i] == PointClass::kJudged && std::isfinite(result.deviation_mm[i]))
-      d.sorted_mm.push_back(result.deviation_mm[i]);
-  std::sort(d.sorted_mm.begin(), d.sorted_mm.end());
-  d.all = {result.statistics.mean, result.statistics.sigma};
-  if (d.sorted_mm.empty()) return d;
-  const auto middle = static_cast<std::ptrdiff_t>(d.sorted_mm.size() / 2);
-  d.bulk.mean_mm = d.sorted_mm[middle];
-  std::vector<float> off(d.sorted_mm);
-  for (float& v : off) v = std::abs(v - d.sorted_mm[middle]);
-  std::nth_element(off.begin(), off.begin() + middle, off.end());
-  d.bulk.sigma_mm = 1.4826 * off[middle];
-  return d;
-}
-
 std::string histogram_svg(const Distribution& distribution, const ColourScale& colours, CountAxis axis) {
   constexpr double kWidth = 560, kHeight = 318, kLeft = 50, kRight = 14, kTop = 30, kBottom = 66;
   constexpr double kPlotWidth = kWidth - kLeft - kRight, kPlotHeight = kHeight - kTop - kBottom;
@@ -93,10 +76,10 @@ std::string histogram_svg(const Distribution& distribution, const ColourScale& c
         std::clamp(1.08 * std::max(std::abs(values.front()), std::abs(values.back())), reach, 5 * tolerance);
   const Histogram h = histogram(values, reach);
 
-  const auto exists = [&](const Distribution::Gaussian& g) {
+  const auto exists = [&](const Gaussian& g) {
     return values.size() > 1 && std::isfinite(g.mean_mm) && std::isfinite(g.sigma_mm) && g.sigma_mm > 0;
   };
-  const auto expected = [&](const Distribution::Gaussian& g, double mm) {  // points per bin
+  const auto expected = [&](const Gaussian& g, double mm) {  // points per bin
     const double z = (mm - g.mean_mm) / g.sigma_mm;
     return static_cast<double>(values.size()) * h.bin_mm() * std::exp(-0.5 * z * z) /
            (g.sigma_mm * std::sqrt(2 * std::numbers::pi));
@@ -134,7 +117,7 @@ std::string histogram_svg(const Distribution& distribution, const ColourScale& c
     svg += text(to_x(limit), kTop - 12, limit < 0 ? "end" : "start", with_sign(limit, 2) + " tolerance",
                 "strong");
   }
-  const auto draw = [&](const Distribution::Gaussian& g, const std::string& style) {
+  const auto draw = [&](const Gaussian& g, const std::string& style) {
     if (!exists(g)) return;
     std::string path;
     bool drawing = false;
@@ -162,6 +145,73 @@ std::string histogram_svg(const Distribution& distribution, const ColourScale& c
     svg += text(kWidth - kRight, floor_y + 58, "end",
                 grouped(h.beyond) + (h.beyond == 1 ? " point" : " points") + " beyond this range");
   if (values.empty())
+    svg += text(kLeft + kPlotWidth / 2, kTop + kPlotHeight / 2, "middle", "no judged points");
+  return svg + "</svg>";
+}
+
+std::string magnitudes_svg(const Distribution& distribution, const ColourScale& colours) {
+  constexpr double kWidth = 560, kHeight = 318, kLeft = 50, kRight = 14, kTop = 30, kBottom = 66;
+  constexpr double kPlotWidth = kWidth - kLeft - kRight, kPlotHeight = kHeight - kTop - kBottom;
+  constexpr size_t kBars = 60;
+  const double tolerance = colours.tolerance_mm(), floor_y = kTop + kPlotHeight;
+  // Wide enough for the good surface, whose shape the fit is about.
+  const double usual = distribution.magnitudes_mm.empty() ? 0.0 : 6 * distribution.magnitude_p50_mm;
+  const double reach = std::clamp(usual, 0.2 * tolerance, 1.5 * tolerance), bin = reach / kBars;
+  std::vector<size_t> counts(kBars, 0);
+  size_t beyond = 0;
+  for (const float v : distribution.magnitudes_mm) {
+    if (v >= reach) {
+      ++beyond;
+    } else {
+      ++counts[std::min(kBars - 1, static_cast<size_t>(v / bin))];
+    }
+  }
+  const double top =
+      1.12 * static_cast<double>(std::max<size_t>(1, *std::max_element(counts.begin(), counts.end())));
+  const auto to_x = [&](double mm) { return kLeft + kPlotWidth * mm / reach; };
+  const auto to_y = [&](double count) { return floor_y - kPlotHeight * std::clamp(count / top, 0.0, 1.0); };
+  std::string svg =
+      "<svg class=\"chart\" role=\"img\" aria-label=\"Histogram of the magnitudes of the deviations\" "
+      "viewBox=\"0 0 560 318\">";
+  const double count_step = std::max(1.0, round_step(top, 4));
+  for (double count = 0; count <= 1.01 * top; count += count_step) {
+    svg += line("grid", kLeft, to_y(count), kWidth - kRight, to_y(count));
+    svg += text(kLeft - 7, to_y(count) + 4, "end", count_text(count));
+  }
+  for (size_t i = 0; i < kBars; ++i) {
+    if (counts[i] == 0) continue;
+    const double x = to_x(static_cast<double>(i) * bin), y = to_y(static_cast<double>(counts[i]));
+    svg += "<rect class=\"magnitude\" x=\"" + coordinate(x) + "\" y=\"" + coordinate(y) + "\" width=\"" +
+           coordinate(to_x(bin) - kLeft - 0.6) + "\" height=\"" + coordinate(floor_y - y) + "\"/>";
+  }
+  if (tolerance < reach) {
+    svg += line("limit", to_x(tolerance), kTop - 6, to_x(tolerance), floor_y);
+    svg += text(to_x(tolerance), kTop - 12, "middle", fixed(tolerance, 2) + " tolerance", "strong");
+  } else {
+    svg += text(kWidth - kRight, kTop - 12, "end", "tolerance " + fixed(tolerance, 2) + " \u2192", "strong");
+  }
+  if (distribution.weibull) {
+    std::string path;
+    const double points = static_cast<double>(distribution.magnitudes_mm.size()) * bin;
+    bool drawing = false;
+    for (int i = 1; i <= 300; ++i) {
+      const double mm = reach * i / 300, count = points * distribution.weibull->density(mm);
+      if (count <= top) path += (drawing ? "L" : "M") + coordinate(to_x(mm)) + "," + coordinate(to_y(count));
+      drawing = count <= top;
+    }
+    svg += "<path class=\"gauss\" d=\"" + path + "\"/>";
+  }
+  svg += line("frame", kLeft, floor_y, kWidth - kRight, floor_y);
+  const double step = round_step(reach, 6);
+  for (double k = 0; k * step <= 0.97 * reach; ++k) {
+    svg += line("frame", to_x(k * step), floor_y, to_x(k * step), floor_y + 5);
+    svg += text(to_x(k * step), floor_y + 19, "middle", fixed(k * step, decimals_of(step)));
+  }
+  svg += text(kLeft + kPlotWidth / 2, floor_y + 38, "middle", "magnitude of the deviation (mm)");
+  if (beyond > 0)
+    svg += text(kWidth - kRight, floor_y + 58, "end",
+                grouped(beyond) + (beyond == 1 ? " point" : " points") + " beyond this range");
+  if (distribution.magnitudes_mm.empty())
     svg += text(kLeft + kPlotWidth / 2, kTop + kPlotHeight / 2, "middle", "no judged points");
   return svg + "</svg>";
 }

@@ -26,7 +26,9 @@ class ColourScale {
 /// "#rrggbb".
 std::string hex(const Eigen::Vector3f& srgb);
 
-/// Surface that nobody saw.
-inline const Eigen::Vector3f kUnseenColour(0.62f, 0.635f, 0.66f);
+/// Surface that nobody saw: hatched with the second.
+inline const Eigen::Vector3f kUnseenColour(0.70f, 0.715f, 0.74f), kUnseenLineColour(0.53f, 0.545f, 0.57f);
+/// Surface that was seen, where only that matters.
+inline const Eigen::Vector3f kSeenColour(0.36f, 0.63f, 0.70f);
 
 }  // namespace gantry::report

@@ -33,12 +33,6 @@ struct Key {
   bool operator==(const Key& other) const { return tie() == other.tie(); }
 };
 
-int dominant_axis(const Eigen::Vector3f& normal) {
-  int axis;
-  normal.cwiseAbs().maxCoeff(&axis);
-  return 2 * axis + (normal[axis] < 0);
-}
-
 std::vector<Surfel> thinned(const InspectionResult& result, const std::vector<Foot>& feet, Place place,
                             float voxel_mm) {
   struct Entry {
@@ -62,16 +56,18 @@ std::vector<Surfel> thinned(const InspectionResult& result, const std::vector<Fo
   tbb::parallel_sort(entries.begin(), entries.end());
   std::vector<Surfel> surfels;
   for (size_t begin = 0, end = 0; begin < entries.size(); begin = end) {
-    Surfel s{Eigen::Vector3f::Zero(), Eigen::Vector3f::Zero(), 0, entries[begin].key.defect};
+    Surfel s{Eigen::Vector3f::Zero(), Eigen::Vector3f::Zero(), 0, 0, entries[begin].key.defect};
     for (end = begin; end < entries.size() && entries[end].key == entries[begin].key; ++end) {
       const size_t i = entries[end].index;
       s.position += position(i);
       s.normal += feet[i].normal;
       s.deviation_mm += result.deviation_mm[i];
+      s.uncertainty_mm += result.uncertainty_mm[i];
     }
     const auto n = static_cast<float>(end - begin);
     s.position /= n;
     s.deviation_mm /= n;
+    s.uncertainty_mm /= n;
     s.normal.stableNormalize();
     surfels.push_back(s);
   }
@@ -113,6 +109,12 @@ std::vector<Surfel> supported(const std::vector<Surfel>& surfels, float radius_m
 }
 
 }  // namespace
+
+int dominant_axis(const Eigen::Vector3f& normal) {
+  int axis;
+  normal.cwiseAbs().maxCoeff(&axis);
+  return 2 * axis + (normal[axis] < 0);
+}
 
 MeasuredSurface measured_surface(const InspectionResult& result, const SignedDistance& reference,
                                  const InspectionOptions& options) {

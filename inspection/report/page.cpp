@@ -5,33 +5,14 @@
 #include <numbers>
 
 #include "report/charts.h"
-#include "report/page_style.h"
+#include "report/page_parts.h"
 #include "report/text.h"
+#include "report/web_files.h"
 
 namespace gantry::report {
 namespace {
 
 constexpr size_t kMostDefectRows = 100;
-
-/// Cut, not rounded: 100 % means all.
-std::string percent(double fraction) {
-  return fixed(std::floor(fraction * 1e4 + 1e-6) / 100, 2) + "\u202f%";
-}
-
-std::string mm(double value, int decimals = 3) {
-  return fixed(value, decimals) + "\u202fmm";
-}
-std::string signed_mm(double value) {
-  return with_sign(value, 3) + "\u202fmm";
-}
-
-std::string row(const std::string& name, const std::string& value, const std::string& style = "n") {
-  return "<tr><th scope=\"row\">" + name + "</th><td class=\"" + style + "\">" + value + "</td></tr>\n";
-}
-
-size_t count_of(const InspectionResult& result, PointClass point_class) {
-  return static_cast<size_t>(std::count(result.point_class.begin(), result.point_class.end(), point_class));
-}
 
 /// "2026-05-04T10:20:30Z" with a space instead of the T.
 std::string date_text(std::string created) {
@@ -45,7 +26,7 @@ std::string title_of(const PageContent& c) {
 
 std::string heading(const PageContent& c) {
   return "<header><div><div class=\"kicker\">Dimensional inspection report</div><h1>" + escaped(title_of(c)) +
-         "</h1></div><div class=\"date\">" +
+         "</h1></div><div class=\"date\"><button id=\"theme\" type=\"button\" hidden>Dark</button>" +
          (c.traceability.simulated
               ? "<span class=\"simulated\">SIMULATED</span><br>no real part was measured<br>"
               : std::string()) +
@@ -99,11 +80,12 @@ std::string deviation_views(const PageContent& c, const ColourScale& colours) {
       "measured "
       "deviation. Numbers lead to the defects listed below.</p>\n<div class=\"scale card\">" +
       legend_svg(colours) +
-      "<div class=\"keys\"><div><span class=\"swatch\" style=\"background:" + hex(kUnseenColour) +
-      "\"></span><span>not seen: no judged point within " + mm(c.seen_reach_mm, 1) +
+      "<div class=\"keys\"><div><span class=\"swatch unseen\"></span><span>not seen: no judged point "
+      "within " +
+      mm(c.seen_reach_mm, 1) +
       "</span></div><div><span class=\"swatch outline\"></span><span>outline of a "
-      "defect</span></div></div></div>\n"
-      "<div class=\"views\">";
+      "defect</span></div></div></div>\n" +
+      viewer_section(c) + "<div class=\"views\">";
   for (size_t i = 0; i < c.overviews.size(); ++i)
     html += "<figure class=\"card\"><figcaption>" + escaped(c.overviews[i].name) + "</figcaption>" +
             picture_svg(c.overviews[i], "view-" + std::to_string(i + 1)) + "</figure>\n";
@@ -161,66 +143,6 @@ std::string defect_table(const PageContent& c) {
   return html + "</section>\n";
 }
 
-std::string distribution_section(const PageContent& c, const ColourScale& colours) {
-  const DeviationStatistics& s = c.result.statistics;
-  const Distribution d = distribution(c.result);
-  std::string html = "<section><h2>Distribution of the deviations</h2><p class=\"lead\">";
-  if (s.count > 0) {
-    html += "Dashed: Gaussian of all judged points, mean " + signed_mm(s.mean) + ", σ " + mm(s.sigma) +
-            ". Solid: Gaussian of their bulk, median " + signed_mm(d.bulk.mean_mm) + ", robust σ " +
-            mm(d.bulk.sigma_mm) + ", which defects hardly move.";
-  } else {
-    html += "No point was judged.";
-  }
-  html +=
-      "</p>\n<div class=\"pair\"><div class=\"panel card\"><h3>Linear counts: how good the surface is</h3>" +
-      histogram_svg(d, colours, CountAxis::kLinear) +
-      "</div><div class=\"panel card\"><h3>Logarithmic counts: the few points of a defect</h3>" +
-      histogram_svg(d, colours, CountAxis::kLogarithmic) + "</div></div>\n";
-
-  const auto value = [&](double v) { return s.count > 0 ? signed_mm(v) : std::string("\u2013"); };
-  const auto size = [&](double v) { return s.count > 0 ? mm(v) : std::string("\u2013"); };
-  html +=
-      "<div class=\"pair\"><div class=\"panel card\"><h3>Statistics of the judged points</h3><table><tbody>" +
-      row("Mean", value(s.mean)) + row("Standard deviation \u03c3", size(s.sigma)) +
-      row("Root mean square", size(s.rms)) +
-      row("Least \u2026 greatest", value(s.min) + " \u2026 " + value(s.max)) +
-      row("5th, 50th, 95th percentile", value(s.p05) + "&ensp;" + value(s.p50) + "&ensp;" + value(s.p95)) +
-      row("Within tolerance", s.count > 0 ? percent(s.within_tolerance) : "\u2013") +
-      row("Points judged", grouped(count_of(c.result, PointClass::kJudged))) +
-      row("Points not judged: fixture", grouped(count_of(c.result, PointClass::kFixture))) +
-      row("Points not judged: far from the part", grouped(count_of(c.result, PointClass::kFar))) +
-      "</tbody></table></div>\n";
-
-  const AlignmentResult& a = c.result.alignment;
-  html += "<div class=\"panel card\"><h3>Alignment to the CAD model</h3><table><tbody>";
-  if (c.options.align) {
-    const Eigen::Vector3d angle = rotation_log(a.cad_from_cloud.linear()) * 180 / std::numbers::pi;
-    const Eigen::Vector3d move = a.cad_from_cloud.translation();
-    const auto deviation = [&](int i) { return std::sqrt(std::max(0.0, a.covariance(i, i))); };
-    const auto three = [](const Eigen::Vector3d& v) {
-      return with_sign(v.x(), 3) + "&ensp;" + with_sign(v.y(), 3) + "&ensp;" + with_sign(v.z(), 3);
-    };
-    const auto three_sizes = [](double x, double y, double z, int decimals) {
-      return fixed(x, decimals) + "&ensp;" + fixed(y, decimals) + "&ensp;" + fixed(z, decimals);
-    };
-    html += row("Method", "robust best fit") +
-            row("Converged", a.converged ? "yes, " + std::to_string(a.iterations) + " iterations" : "no") +
-            row("Residual before \u2192 after (rms)", mm(a.rms_before_mm) + " \u2192 " + mm(a.rms_after_mm)) +
-            row("Inliers", percent(a.inlier_fraction)) + row("Translation x y z", three(move) + "\u202fmm") +
-            row("Its standard uncertainty",
-                three_sizes(deviation(3), deviation(4), deviation(5), 4) + "\u202fmm") +
-            row("Rotation vector x y z", three(angle) + "\u202f\u00b0") +
-            row("Its standard uncertainty",
-                three_sizes(deviation(0) * 180 / std::numbers::pi, deviation(1) * 180 / std::numbers::pi,
-                            deviation(2) * 180 / std::numbers::pi, 4) +
-                    "\u202f\u00b0");
-  } else {
-    html += row("Method", "none: the cloud is taken as it stands");
-  }
-  return html + "</tbody></table></div></div></section>\n";
-}
-
 std::string traceability(const PageContent& c) {
   std::string html =
       "<section><h2>Traceability</h2><div class=\"panel card\" style=\"margin-top:14px\"><table><tbody>" +
@@ -250,10 +172,11 @@ std::string notes(const PageContent& c) {
           "expanded "
           "uncertainty U (95\u202f%). Where that cannot be told, or when less than " +
           percent(o.min_coverage) + " of the surface was seen, the verdict is UNDECIDED.</p>";
-  html += "<p><b>What is not judged.</b> " + grouped(count_of(c.result, PointClass::kFixture)) +
-          " points belong to the fixture or lie too close to it to tell; " +
-          grouped(count_of(c.result, PointClass::kFar)) + " lie further than " + mm(o.max_distance_mm, 1) +
-          " from any surface of the part. Surface drawn grey was not seen: nothing is claimed about it.</p>";
+  html +=
+      "<p><b>What is not judged.</b> " + grouped(count_of(c.result, PointClass::kFixture)) +
+      " points belong to the fixture or lie too close to it to tell; " +
+      grouped(count_of(c.result, PointClass::kFar)) + " lie further than " + mm(o.max_distance_mm, 1) +
+      " from any surface of the part. Surface hatched in grey was not seen: nothing is claimed about it.</p>";
   html +=
       "<p><b>Pictures.</b> Deviations are drawn on the CAD surface, and colours end at twice the tolerance. "
       "Measured "
@@ -274,11 +197,14 @@ std::string page(const PageContent& c) {
   return "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n"
          "<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<title>" +
          std::string(to_string(c.result.verdict)) + " \u00b7 " + escaped(title_of(c)) +
-         " \u00b7 inspection report</title>\n<style>" + kPageStyle + "</style>\n</head>\n<body>\n<main>\n" +
+         " \u00b7 inspection report</title>\n<style>" + kPageCss + "</style>\n</head>\n<body>\n<main>\n" +
          heading(c) + verdict(c) + figures(c) + deviation_views(c, colours) + defect_table(c) +
-         distribution_section(c, colours) + traceability(c) + notes(c) +
+         cuts_section(c, colours) + coverage_section(c) + distribution_section(c, colours) + traceability(c) +
+         notes(c) +
          "<footer>Gantry inspection report. One file, nothing is loaded from "
-         "elsewhere.</footer>\n</main>\n</body>\n</html>\n";
+         "elsewhere.</footer>\n</main>\n<script>\n" +
+         kThemeJs + "</script>\n<script id=\"viewer-data\" type=\"application/json\">" + c.viewer_data +
+         "</script>\n<script>\n" + kViewerJs + "</script>\n</body>\n</html>\n";
 }
 
 }  // namespace gantry::report

@@ -13,6 +13,7 @@ namespace {
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
 constexpr int kBandRows = 16;         // rows that one task draws
 constexpr int kSamples = 4;           // per pixel and direction where surfaces meet
+constexpr int kHatchPixels = 18;      // from line to line, sideways
 constexpr float kSameNormal = 0.93f;  // cosine; a sharper turn is an edge
 constexpr float kBiasMm = 0.15f;      // the CAD surface wins over discs that lie in it
 
@@ -39,11 +40,12 @@ struct Attributes {
 class Renderer {
  public:
   Renderer(const RayScene& cad, const MeasuredSurface& measured, const ColourScale& colours,
-           const Camera& camera)
+           const Camera& camera, Colouring colouring)
       : cad_(cad),
         measured_(measured),
         colours_(colours),
         camera_(camera),
+        colouring_(colouring),
         width_(camera.width),
         height_(camera.height) {
     const size_t pixels = static_cast<size_t>(width_) * height_;
@@ -272,9 +274,15 @@ class Renderer {
     return std::abs(to.dot(a.normal)) < 1.5f * camera_.mm_per_pixel;
   }
 
-  Eigen::Vector3f shade(const Sight& s, const Attributes& a) const {
+  const Eigen::Vector3f& surface_colour(const Attributes& a, int x, int y) const {
+    if (!std::isfinite(a.deviation))
+      return (x + y) % kHatchPixels < kHatchPixels / 2 ? kUnseenColour : kUnseenLineColour;
+    return colouring_ == Colouring::kCoverage ? kSeenColour : colours_(a.deviation);
+  }
+
+  Eigen::Vector3f shade(const Sight& s, const Attributes& a, int x, int y) const {
     if (s.kind == Kind::kCut) return kCutColour;
-    const Eigen::Vector3f& colour = std::isfinite(a.deviation) ? colours_(a.deviation) : kUnseenColour;
+    const Eigen::Vector3f& colour = surface_colour(a, x, y);
     const float light = (0.62f + 0.42f * std::max(0.0f, s.normal.dot(light_))) * a.light;
     return (colour * std::min(light, 1.04f)).cwiseMin(1.0f);
   }
@@ -282,7 +290,9 @@ class Renderer {
   /// How dark the line round a defect is here.
   float outline(int x, int y) const {
     const Sight& s = sights_[at(x, y)];
-    if (s.kind != Kind::kCad || x < 1 || y < 1 || x + 1 >= width_ || y + 1 >= height_) return 0;
+    if (colouring_ == Colouring::kCoverage || s.kind != Kind::kCad || x < 1 || y < 1 || x + 1 >= width_ ||
+        y + 1 >= height_)
+      return 0;
     const float here = attributes_[at(x, y)].defect;
     const auto slope = [&](int dx, int dy) {
       const size_t a = at(x - dx, y - dy), b = at(x + dx, y + dy);
@@ -304,7 +314,7 @@ class Renderer {
     if (plain) {
       if (s.kind == Kind::kEmpty) return;
       const float line = outline(x, y);
-      store((1 - line) * shade(s, attributes_[at(x, y)]) + line * kOutlineColour, 1, rgba);
+      store((1 - line) * shade(s, attributes_[at(x, y)], x, y) + line * kOutlineColour, 1, rgba);
       return;
     }
     // Surfaces meet here: look many times, and draw an edge where the pixel is divided.
@@ -317,7 +327,7 @@ class Renderer {
       if (i == 0) first = sample;
       same += continues(first, sample, dx - 0.5f / kSamples, dy - 0.5f / kSamples);
       if (sample.kind == Kind::kEmpty) continue;
-      sum += shade(sample, nearby_attributes(x, y, sample, dx - 0.5f, dy - 0.5f));
+      sum += shade(sample, nearby_attributes(x, y, sample, dx - 0.5f, dy - 0.5f), x, y);
       ++hits;
     }
     if (hits == 0) return;
@@ -356,6 +366,7 @@ class Renderer {
   const MeasuredSurface& measured_;
   const ColourScale& colours_;
   const Camera& camera_;
+  const Colouring colouring_;
   const int width_, height_;
   Eigen::Vector3f light_;
   std::vector<Sight> sights_;  // one for every pixel's centre
@@ -376,8 +387,8 @@ bool Rendering::shows(const Camera& camera, const Surfel& surfel) const {
 }
 
 Rendering render(const RayScene& cad, const MeasuredSurface& measured, const ColourScale& colours,
-                 const Camera& camera) {
-  return Renderer(cad, measured, colours, camera).draw();
+                 const Camera& camera, Colouring colouring) {
+  return Renderer(cad, measured, colours, camera, colouring).draw();
 }
 
 }  // namespace gantry::report

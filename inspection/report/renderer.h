@@ -19,10 +19,15 @@ struct Rendering {
   bool shows(const Camera& camera, const Surfel& surfel) const;
 };
 
+enum class Colouring {
+  kDeviation,  ///< The measured deviations.
+  kCoverage    ///< Seen or not seen, nothing else.
+};
+
 /// Draws the CAD surface in the colours of the measured deviations, on transparent ground; surface that
-/// nobody saw is grey, measured material beyond the CAD model is drawn as discs, and a fine dark line
-/// encloses each defect. The same input gives the same bytes on any number of threads.
+/// nobody saw is hatched in grey, measured material beyond the CAD model is drawn as discs, and a fine dark
+/// line encloses each defect. The same input gives the same bytes on any number of threads.
 Rendering render(const RayScene& cad, const MeasuredSurface& measured, const ColourScale& colours,
-                 const Camera& camera);
+                 const Camera& camera, Colouring colouring = Colouring::kDeviation);
 
 }  // namespace gantry::report

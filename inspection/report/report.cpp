@@ -9,12 +9,16 @@
 #include "report/page.h"
 #include "report/renderer.h"
 #include "report/report_json.h"
+#include "report/surface_model.h"
 #include "report/text.h"
+#include "report/viewer.h"
 
 namespace gantry {
 namespace {
 
-constexpr size_t kMostCloseUps = 16;  // keeps the page small when a bad part has many defects
+// These keep the page small, whatever the size of the cloud, of the CAD model and of the list of defects.
+constexpr size_t kMostCloseUps = 16;
+constexpr size_t kMostTriangles = 160000;  // of the interactive view
 
 void write_deviations(const std::filesystem::path& path, const InspectionResult& result) {
   const std::vector<float> defect(result.defect_id.begin(), result.defect_id.end());
@@ -46,18 +50,26 @@ std::filesystem::path write_report(const std::filesystem::path& folder, const In
                                    const Traceability& traceability) {
   if (!(options.tolerance_mm > 0)) throw InputError("a report needs a tolerance greater than 0 mm");
   write_deviations(folder / "deviations.ply", result);
-  report::write_file(folder / "report.json", report::report_json(result, options, traceability));
 
   const RayScene cad(reference.mesh());
   const report::ColourScale colours(options.tolerance_mm);
   const report::MeasuredSurface measured = report::measured_surface(result, reference, options);
-  std::vector<report::Picture> overviews, close_ups;
+  const report::ReportFacts facts{
+      report::distribution(result), report::sections(reference.mesh(), measured, result.defects),
+      report::coverage_sides(reference.mesh(), measured), reference.mesh().surface_area()};
+  report::write_file(folder / "report.json", report::report_json(result, options, traceability, facts));
+
+  std::vector<report::Picture> overviews, coverage_views, close_ups;
   std::vector<report::Image> images;
   for (auto& [name, camera] : report::overview_cameras(cad.mesh())) {
     report::Rendering rendering = report::render(cad, measured, colours, camera);
     overviews.push_back(
         {name, camera, {}, report::place_labels(camera, rendering, measured, result.defects)});
     images.push_back(std::move(rendering.image));
+  }
+  for (auto& [name, camera] : report::coverage_cameras(cad.mesh())) {
+    coverage_views.push_back({name, camera, {}, {}});
+    images.push_back(report::render(cad, measured, colours, camera, report::Colouring::kCoverage).image);
   }
   for (size_t i = 0; i < std::min(result.defects.size(), kMostCloseUps); ++i) {
     const Defect& defect = result.defects[i];
@@ -66,14 +78,17 @@ std::filesystem::path write_report(const std::filesystem::path& folder, const In
     close_ups.push_back({"Defect " + std::to_string(defect.id), camera, {}, {{defect.id, peak, peak}}, true});
     images.push_back(report::render(cad, measured, colours, camera).image);
   }
-  tbb::parallel_for(size_t{0}, images.size(), [&](size_t i) {
-    auto& picture = i < overviews.size() ? overviews[i] : close_ups[i - overviews.size()];
-    picture.png = report::png(images[i]);
-  });
+  std::vector<report::Picture*> pictures;
+  for (auto* list : {&overviews, &coverage_views, &close_ups})
+    for (report::Picture& picture : *list) pictures.push_back(&picture);
+  tbb::parallel_for(size_t{0}, images.size(), [&](size_t i) { pictures[i]->png = report::png(images[i]); });
 
+  const std::string viewer =
+      report::viewer_data(report::surface_model(cad.mesh(), measured, options.tolerance_mm, kMostTriangles),
+                          measured, colours, result.defects, facts.sections);
   const std::filesystem::path html = folder / "report.html";
-  report::write_file(html,
-                     report::page({result, options, traceability, overviews, close_ups, measured.reach_mm}));
+  report::write_file(html, report::page({result, options, traceability, facts, overviews, coverage_views,
+                                         close_ups, viewer, measured.reach_mm}));
   return html;
 }
 

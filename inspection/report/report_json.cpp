@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <nlohmann/json.hpp>
 
+#include "report/section_chart.h"
+
 namespace gantry::report {
 namespace {
 
@@ -68,10 +70,54 @@ Json alignment_json(const AlignmentResult& a) {
   return json;
 }
 
+Json distribution_json(const Distribution& d) {
+  const auto gaussian = [](const Gaussian& g, double misfit) {
+    return Json{{"mean_mm", g.mean_mm}, {"sigma_mm", g.sigma_mm}, {"kolmogorov_smirnov", misfit}};
+  };
+  Json json{
+      {"gaussian", gaussian(d.all, d.all_misfit)}, {"gaussian_of_bulk", gaussian(d.bulk, d.bulk_misfit)},
+      {"weibull_of_magnitudes", nullptr},          {"magnitude_p50_mm", d.magnitude_p50_mm},
+      {"magnitude_p95_mm", d.magnitude_p95_mm},    {"magnitude_p99_mm", d.magnitude_p99_mm}};
+  if (d.weibull)
+    json["weibull_of_magnitudes"] = {{"shape", d.weibull->shape},
+                                     {"scale_mm", d.weibull->scale_mm},
+                                     {"kolmogorov_smirnov", d.weibull_misfit}};
+  return json;
+}
+
+Json section_json(const Section& section, double tolerance_mm) {
+  const SectionStatistics s = section_statistics(section);
+  return {{"name", std::string(1, section.letter)},
+          {"axis", std::string(1, "xyz"[section.axis])},
+          {"offset_mm", section.offset_mm},
+          {"through_defect", section.through > 0 ? Json(section.through) : Json(nullptr)},
+          {"drawn_times", exaggeration(section, tolerance_mm)},
+          {"within_mm", section.slab_mm},
+          {"count", s.count},
+          {"mean_mm", s.mean},
+          {"min_mm", s.min},
+          {"max_mm", s.max}};
+}
+
+/// Name to value; a list of values where a name (a drive) occurs more than once.
+Json traceability_json(const Traceability& traceability) {
+  Json json = Json::object();
+  for (const auto& [name, value] : traceability.entries) {
+    Json& entry = json[name];
+    if (entry.is_null()) {
+      entry = value;
+    } else {
+      if (!entry.is_array()) entry = Json::array({entry});
+      entry.push_back(value);
+    }
+  }
+  return json;
+}
+
 }  // namespace
 
 std::string report_json(const InspectionResult& result, const InspectionOptions& options,
-                        const Traceability& traceability) {
+                        const Traceability& traceability, const ReportFacts& facts) {
   Json json;
   json["verdict"] = to_string(result.verdict);
   json["reason"] = result.reason;
@@ -85,7 +131,13 @@ std::string report_json(const InspectionResult& result, const InspectionOptions&
                         {"min_mm", s.min},     {"max_mm", s.max},
                         {"p05_mm", s.p05},     {"p50_mm", s.p50},
                         {"p95_mm", s.p95},     {"within_tolerance", s.within_tolerance}};
+  json["distribution"] = distribution_json(facts.distribution);
   json["coverage"] = result.coverage;
+  json["surface_mm2"] = facts.surface_mm2;
+  json["coverage_by_side"] = Json::array();
+  for (const SideCoverage& side : facts.sides)
+    json["coverage_by_side"].push_back(
+        {{"towards", side.towards}, {"area_mm2", side.area_mm2}, {"seen", side.seen}});
   const auto count = [&](PointClass c) {
     return std::count(result.point_class.begin(), result.point_class.end(), c);
   };
@@ -95,8 +147,10 @@ std::string report_json(const InspectionResult& result, const InspectionOptions&
   json["alignment"] = alignment_json(result.alignment);
   json["defects"] = Json::array();
   for (const Defect& d : result.defects) json["defects"].push_back(defect_json(d));
-  json["traceability"] = Json::object();
-  for (const auto& [key, value] : traceability.entries) json["traceability"][key] = value;
+  json["sections"] = Json::array();
+  for (const Section& section : facts.sections)
+    json["sections"].push_back(section_json(section, options.tolerance_mm));
+  json["traceability"] = traceability_json(traceability);
   // Text that is not UTF-8 (a file name) must not cost the report.
   return json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
 }
