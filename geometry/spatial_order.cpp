@@ -13,16 +13,37 @@
 namespace gantry {
 namespace {
 
-constexpr int kBitsPerAxis = 16, kDigitBits = 12, kDigits = 3 * kBitsPerAxis / kDigitBits;
-constexpr size_t kRun = 1024;
+constexpr int kBitsPerAxis = 10, kDigitBits = 10, kDigits = 3 * kBitsPerAxis / kDigitBits;
+constexpr size_t kRun = 1024, kSample = 2000;
 
-/// Moves the lowest 21 bits apart, two zeros between any two.
-uint64_t spread(uint64_t x) {
-  x = (x | x << 32) & 0x001f00000000ffff;
-  x = (x | x << 16) & 0x001f0000ff0000ff;
-  x = (x | x << 8) & 0x100f00f00f00f00f;
-  x = (x | x << 4) & 0x10c30c30c30c30c3;
-  return (x | x << 2) & 0x1249249249249249;
+/// Moves the lowest ten bits apart, two zeros between any two.
+uint32_t spread(uint32_t x) {
+  x = (x | x << 16) & 0x030000ff;
+  x = (x | x << 8) & 0x0300f00f;
+  x = (x | x << 4) & 0x030c30c3;
+  return (x | x << 2) & 0x09249249;
+}
+
+/// A cube that holds nearly all points, judged by a sample: a few that lie far out would make its cells
+/// large.
+Eigen::AlignedBox3d cube_of_most(std::span<const Eigen::Vector3f> points) {
+  std::array<std::vector<double>, 3> coordinates;
+  for (size_t i = 0; i < points.size(); i += std::max<size_t>(1, points.size() / kSample)) {
+    if (!points[i].allFinite()) continue;
+    for (Eigen::Index axis = 0; axis < 3; ++axis)
+      coordinates[static_cast<size_t>(axis)].push_back(points[i][axis]);
+  }
+  if (coordinates[0].empty()) return {Eigen::Vector3d::Zero(), Eigen::Vector3d::Zero()};
+  Eigen::Vector3d centre, half;
+  for (Eigen::Index axis = 0; axis < 3; ++axis) {
+    std::vector<double>& values = coordinates[static_cast<size_t>(axis)];
+    std::sort(values.begin(), values.end());
+    const double low = values[values.size() / 50], high = values[values.size() - 1 - values.size() / 50];
+    centre[axis] = (low + high) / 2;
+    half[axis] = 0.75 * (high - low);
+  }
+  const Eigen::Vector3d sizes = Eigen::Vector3d::Constant(half.maxCoeff());
+  return {centre - sizes, centre + sizes};
 }
 
 }  // namespace
@@ -30,29 +51,26 @@ uint64_t spread(uint64_t x) {
 std::vector<uint32_t> morton_order(std::span<const Eigen::Vector3f> points) {
   if (points.size() > std::numeric_limits<uint32_t>::max())
     throw InputError("more than 4 thousand million points cannot be put in order");
-  Eigen::AlignedBox3d box;
-  for (const Eigen::Vector3f& p : points)
-    if (p.allFinite()) box.extend(p.cast<double>());
-  const double longest = box.isEmpty() ? 0 : box.sizes().maxCoeff();
-  const double cells = longest > 0 ? ((1 << kBitsPerAxis) - 1) / longest : 0;
+  const Eigen::AlignedBox3d cube = cube_of_most(points);
+  constexpr double kLast = (1 << kBitsPerAxis) - 1;
+  const double size = cube.sizes().x(), cells = size > 0 ? (kLast + 1) / size : 0;
 
   struct Entry {
-    uint64_t code;
-    uint32_t index;
+    uint32_t code, index;
   };
   std::vector<Entry> entries(points.size()), sorted(points.size());
   tbb::parallel_for(size_t{0}, points.size(), [&](size_t i) {
-    uint64_t code = 0;
+    uint32_t code = 0;
     if (points[i].allFinite()) {
-      const Eigen::Vector3d at = (points[i].cast<double>() - box.min()) * cells;
-      for (int axis = 0; axis < 3; ++axis) code |= spread(static_cast<uint64_t>(at[axis])) << axis;
+      const Eigen::Array3d at = ((points[i].cast<double>() - cube.min()) * cells).array().max(0.0).min(kLast);
+      for (int axis = 0; axis < 3; ++axis) code |= spread(static_cast<uint32_t>(at[axis])) << axis;
     }
     entries[i] = {code, static_cast<uint32_t>(i)};
   });
   // By digits, the least significant first: each pass keeps the order of the one before.
   for (int digit = 0; digit < kDigits; ++digit) {
     const auto digit_of = [digit](const Entry& e) {
-      return (e.code >> (digit * kDigitBits)) & ((uint64_t{1} << kDigitBits) - 1);
+      return (e.code >> (digit * kDigitBits)) & ((1u << kDigitBits) - 1);
     };
     std::array<size_t, 1 << kDigitBits> place{};
     for (const Entry& e : entries) ++place[digit_of(e)];

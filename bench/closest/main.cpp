@@ -155,7 +155,7 @@ class Bench {
         words.push_back((folder_.path / file).string());
       }
       if (command_too) words.insert(words.end(), {command, "-MAX_TCOUNT", "1"});
-      return run_process(words, {"QT_QPA_PLATFORM=offscreen"});
+      return run_process(words, {"QT_QPA_PLATFORM=offscreen", "QT_LOGGING_RULES=*.warning=false"});
     };
     const Spent reading = with(false), all = with(true);
     return {all.wall_s - reading.wall_s, all.cpu_s - reading.cpu_s};

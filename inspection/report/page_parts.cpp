@@ -30,7 +30,10 @@ std::string alignment_panel(const PageContent& c) {
     const auto three_sizes = [](double x, double y, double z, int decimals) {
       return fixed(x, decimals) + "&ensp;" + fixed(y, decimals) + "&ensp;" + fixed(z, decimals);
     };
-    html += row("Method", "robust best fit") +
+    std::string method = a.datums.empty() ? "robust best fit" : "datums, by precedence:";
+    for (const DatumFit& datum : a.datums) method += " " + escaped(datum.name);
+    if (c.options.alignment.from_any_start) method += ", from any start";
+    html += row("Method", method) +
             row("Converged", a.converged ? "yes, " + std::to_string(a.iterations) + " iterations" : "no") +
             row("Residual before \u2192 after (rms)", mm(a.rms_before_mm) + " \u2192 " + mm(a.rms_after_mm)) +
             row("Inliers", percent(a.inlier_fraction)) + row("Translation x y z", three(move) + "\u202fmm") +
@@ -41,6 +44,13 @@ std::string alignment_panel(const PageContent& c) {
                 three_sizes(deviation(0) * 180 / std::numbers::pi, deviation(1) * 180 / std::numbers::pi,
                             deviation(2) * 180 / std::numbers::pi, 4) +
                     "\u202f\u00b0");
+    if (a.masked_regions > 0)
+      html += row("Left out as no noise", percent(a.masked_fraction) + " of the points, " +
+                                              std::to_string(a.masked_regions) + " regions");
+    for (const DatumFit& datum : a.datums)
+      html += row("Datum " + escaped(datum.name), escaped(datum.words) + ", rms " + mm(datum.rms_mm));
+    for (const FreeMotion& motion : a.free_motions) html += row("Not held", escaped(motion.words));
+    for (const EquivalentPose& pose : a.equivalents) html += row("Fits as well", escaped(pose.words));
   } else {
     html += row("Method", "none: the cloud is taken as it stands");
   }

@@ -255,6 +255,23 @@ class DecodedView {
   Eigen::AlignedBox2i extent_;
 };
 
+TEST(InspectionReport, SaysHowTheCloudWasAligned) {
+  InspectionResult result = plate_with_bump();
+  result.alignment.datums = {{"A<b>", "plane, fixes 3 freedoms", 3, 100, 0.012, 0, 0}};
+  result.alignment.masked_regions = 2;
+  result.alignment.masked_fraction = 0.125;
+  result.alignment.free_motions = {{Vector6d::Zero(), "turning about z"}};
+  result.alignment.equivalents = {{Pose::Identity(), "turned by 180 degrees about x"}};
+  const TemporaryFolder folder;
+  const std::string html =
+      read_text(write_report(folder.path(), result, SignedDistance(plate()), options(), traceability()));
+  for (const char* words :
+       {"datums, by precedence: A&lt;b&gt;", "Datum A&lt;b&gt;", "plane, fixes 3 freedoms", "2 regions",
+        "12.5", "turning about z", "turned by 180 degrees about x"})
+    EXPECT_NE(html.find(words), std::string::npos) << words;
+  EXPECT_EQ(html.find("A<b>"), std::string::npos);
+}
+
 TEST(InspectionReport, JsonEqualsTheResult) {
   const InspectionResult result = plate_with_bump();
   const TemporaryFolder folder;
