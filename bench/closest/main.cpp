@@ -119,12 +119,13 @@ class Bench {
         "Made by `scripts/bench closest`. %s, cut in four once and twice; points within 1 mm of it, in no "
         "order. "
         "Every "
-        "line is the median of %zu runs, each in a process of its own, the methods in turn. Everything from "
+        "line is %s, in a process of its own, the methods in turn. Everything from "
         "points and triangles in memory to distances is counted, reading is not. Of CloudCompare, which "
         "reads "
         "files, that is a run with the command less a run that only reads, with `-MAX_TCOUNT 1`; differences "
         "of CPU time are good to about 0.1 s.\n\n",
-        options_.bunny.empty() ? "The bracket" : "The Stanford bunny, 150 mm tall", options_.rounds);
+        options_.bunny.empty() ? "The bracket" : "The Stanford bunny, 150 mm tall",
+        options_.rounds == 1 ? "one run" : text("the median of %zu runs", options_.rounds).c_str());
     if (!cloudcompare_) out += "CloudCompare is not installed here: its lines are missing.\n\n";
     return out;
   }
