@@ -2,6 +2,7 @@
 
 #include <spdlog/spdlog.h>
 
+#include <cmath>
 #include <cstdio>
 
 #include "gantry/foundation/error.h"
@@ -23,6 +24,16 @@ void print_alignment(const AlignmentResult& a) {
   if (!a.equivalents.empty()) std::printf("  symmetry   %s\n", a.symmetry_text().c_str());
 }
 
+void print_uncertainty(const InspectionResult& result) {
+  const UncertaintyBudget& u = result.budget;
+  char poses[32] = "unknown";
+  if (result.poses_known) std::snprintf(poses, sizeof poses, "%.4f", u.scan_poses);
+  std::printf(
+      "  uncertainty ±%.4f mm (95 %%) of a typical point; standard: noise %.4f, scan poses %s, "
+      "alignment %.4f, sensor %.4f mm\n",
+      kCoverageFactor95 * u.combined(), u.noise, poses, u.alignment, u.sensor);
+}
+
 void print_summary(const InspectionResult& result, const InspectionOptions& options,
                    const std::filesystem::path& report) {
   const DeviationStatistics& s = result.statistics;
@@ -30,6 +41,7 @@ void print_summary(const InspectionResult& result, const InspectionOptions& opti
   std::printf("  deviation  mean %+.4f mm, sigma %.4f mm, %.2f %% of %zu points within ±%.3f mm\n", s.mean,
               s.sigma, 100 * s.within_tolerance, s.count, options.tolerance_mm);
   std::printf("  coverage   %.1f %% of the CAD surface\n", 100 * result.coverage);
+  print_uncertainty(result);
   if (options.align) print_alignment(result.alignment);
   if (!result.defects.empty()) {
     std::printf(
