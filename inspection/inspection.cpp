@@ -7,10 +7,12 @@
 #include <cstdio>
 #include <limits>
 
-#include "defects.h"
+#include "cad_faces/patch_statistics.h"
+#include "defects/find_defects.h"
+#include "defects/unjudged.h"
+#include "fixture.h"
 #include "gantry/foundation/error.h"
 #include "gantry/geometry/spatial_order.h"
-#include "gantry/geometry/surface_index.h"
 #include "local_surface.h"
 #include "surface_coverage.h"
 
@@ -30,6 +32,8 @@ void validate(const PointCloud& cloud, const InspectionOptions& o) {
   require(o.symmetry_tolerance_mm >= 0, "the tolerance of symmetries must not be negative");
   require(o.averaging_radius_mm >= 0, "the averaging radius must not be negative");
   require(o.link_distance_mm > 0, "the linking distance must be positive");
+  require(o.min_unseen_area_mm2 >= 0, "the least area of surface without data must not be negative");
+  require(o.fixture_margin_mm >= 0, "the margin of the fixture must not be negative");
   require(o.min_coverage >= 0 && o.min_coverage <= 1, "the least coverage is a fraction from 0 to 1");
 }
 
@@ -40,24 +44,6 @@ PointCloud transformed(const PointCloud& cloud, const Pose& pose) {
     if (cloud.has_normals()) out.normals[i] = (pose.linear() * cloud.normals[i].cast<double>()).cast<float>();
   });
   return out;
-}
-
-/// Each point's distance to the fixture, infinite where there is none near.
-std::vector<float> fixture_distances(const PointCloud& cloud, const InspectionOptions& options) {
-  std::vector<float> distances(cloud.size(), std::numeric_limits<float>::infinity());
-  if (!options.fixture) return distances;
-  const SurfaceIndex fixture(*options.fixture);
-  const auto reach = static_cast<float>(options.max_distance_mm + options.fixture_margin_mm);
-  for_each_run(cloud.points, [&](std::span<const uint32_t> run) {
-    int near = -1;
-    for (const uint32_t i : run) {
-      const auto closest = fixture.closest(cloud.points[i], reach, near);
-      if (!closest) continue;
-      distances[i] = closest->distance;
-      near = closest->triangle;
-    }
-  });
-  return distances;
 }
 
 DeviationStatistics statistics_of(std::vector<float> values, double tolerance_mm) {
@@ -172,7 +158,9 @@ InspectionResult inspect(const PointCloud& cloud, const SignedDistance& referenc
                          const InspectionOptions& options) {
   validate(cloud, options);
   InspectionResult result;
-  const std::vector<float> to_fixture = fixture_distances(cloud, options);
+  const internal::Fixture fixture(options);
+  const std::vector<float> to_fixture = fixture.distances(
+      cloud.points, static_cast<float>(options.max_distance_mm + options.fixture_margin_mm));
 
   if (options.align) {
     PointCloud free;  // of the fixture
@@ -199,7 +187,7 @@ InspectionResult inspect(const PointCloud& cloud, const SignedDistance& referenc
   result.deviation_mm.assign(n, kNaN);
   result.uncertainty_mm.assign(n, kNaN);
   result.point_class.assign(n, PointClass::kFar);
-  std::vector<Eigen::Vector3f> foot(n), foot_normal(n);
+  internal::JudgedFeet feet(n);
   const auto min_cosine = static_cast<float>(std::cos(options.max_angle_rad));
   const auto reach = static_cast<float>(options.max_distance_mm);
   const auto judge = [&](size_t i, const std::optional<SignedDistance::Value>& value) {
@@ -211,8 +199,7 @@ InspectionResult inspect(const PointCloud& cloud, const SignedDistance& referenc
       result.point_class[i] = PointClass::kJudged;
       result.deviation_mm[i] = value->distance;
       result.uncertainty_mm[i] = standard_uncertainty(result, options, i, surface, *value);
-      foot[i] = value->closest;
-      foot_normal[i] = reference.mesh().normal(value->triangle);
+      feet.stand(i, *value, surface.points[i], reference.mesh(), options.tolerance_mm);
     }
   };
   for_each_run(surface.points, [&](std::span<const uint32_t> run) {
@@ -225,16 +212,14 @@ InspectionResult inspect(const PointCloud& cloud, const SignedDistance& referenc
       judge(i, value);
     }
   });
-  PointCloud feet;  // where the judged points stand on the CAD surface
-  for (size_t i = 0; i < n; ++i) {
-    if (result.point_class[i] != PointClass::kJudged) continue;
-    feet.points.push_back(foot[i]);
-    feet.normals.push_back(foot_normal[i]);
-  }
 
   result.statistics = statistics_of(result.deviation_mm, options.tolerance_mm);
-  result.coverage = internal::surface_coverage(reference.mesh(), feet, 1.0);
-  internal::find_defects(result, surface, reference, options);
+  const internal::CoverageSamples samples = internal::sample_coverage(reference, feet, 1.0);
+  result.coverage = samples.fraction();
+  const CadFaces cad = segment_faces(reference.mesh());
+  internal::measure_surface(result, reference.mesh(), cad, feet, samples);
+  internal::find_unjudged(result, cad, samples, fixture, options);
+  internal::find_defects(result, surface, reference, cad, feet, samples, options);
   decide(result, options);
   return result;
 }

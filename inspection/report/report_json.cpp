@@ -39,6 +39,26 @@ Json defect_json(const Defect& d) {
           {"certain", d.certain}};
 }
 
+Json surface_json(const std::vector<SurfaceStatistics>& patches) {
+  Json json = Json::array();
+  for (const SurfaceStatistics& s : patches)
+    json.push_back({{"name", s.name},
+                    {"words", s.words},
+                    {"centre_mm", vector3(s.centre_mm)},
+                    {"normal", vector3(s.normal)},
+                    {"area_mm2", s.area_mm2},
+                    {"seen", s.seen},
+                    {"points", s.points},
+                    {"mean_mm", s.mean_mm},
+                    {"sigma_mm", s.sigma_mm},
+                    {"p05_mm", s.p05_mm},
+                    {"p95_mm", s.p95_mm},
+                    {"min_mm", s.min_mm},
+                    {"max_mm", s.max_mm},
+                    {"uncertainty_mm", s.uncertainty_mm}});
+  return json;
+}
+
 Json alignment_json(const AlignmentResult& a) {
   Json json = {{"cad_from_cloud", rows(a.cad_from_cloud.matrix())},
                {"covariance", rows(a.covariance)},
@@ -147,6 +167,8 @@ std::string report_json(const InspectionResult& result, const InspectionOptions&
   json["alignment"] = alignment_json(result.alignment);
   json["defects"] = Json::array();
   for (const Defect& d : result.defects) json["defects"].push_back(defect_json(d));
+  json["faces"] = surface_json(result.faces);
+  json["regions"] = surface_json(result.regions);
   json["sections"] = Json::array();
   for (const Section& section : facts.sections)
     json["sections"].push_back(section_json(section, options.tolerance_mm));
