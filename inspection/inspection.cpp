@@ -199,7 +199,8 @@ InspectionResult inspect(const PointCloud& cloud, const SignedDistance& referenc
       result.point_class[i] = PointClass::kJudged;
       result.deviation_mm[i] = value->distance;
       result.uncertainty_mm[i] = standard_uncertainty(result, options, i, surface, *value);
-      feet.stand(i, *value, surface.points[i], reference.mesh(), options.tolerance_mm);
+      feet.stand(i, *value, surface.points[i], cloud.has_normals() ? &result.cloud.normals[i] : nullptr,
+                 reference.mesh(), options.tolerance_mm);
     }
   };
   for_each_run(surface.points, [&](std::span<const uint32_t> run) {

@@ -17,14 +17,16 @@ struct JudgedFeet {
 
   explicit JudgedFeet(size_t points) : point(points), triangle(points, -1), beside(points, 0) {}
 
-  /// Point `i`, at `from`, stands where `value` says.
+  /// Point `i`, at `from`, stands where `value` says. `facing`: its normal, or null.
   void stand(size_t i, const SignedDistance::Value& value, const Eigen::Vector3f& from,
-             const TriangleMesh& mesh, double tolerance_mm) {
+             const Eigen::Vector3f* facing, const TriangleMesh& mesh, double tolerance_mm) {
     point[i] = value.closest;
     triangle[i] = value.triangle;
-    const float across = mesh.normal(static_cast<size_t>(value.triangle)).dot(from - value.closest);
-    beside[i] = std::abs(value.distance) > static_cast<float>(tolerance_mm) &&
-                std::abs(across) < 0.5f * std::abs(value.distance);
+    const Eigen::Vector3f normal = mesh.normal(static_cast<size_t>(value.triangle));
+    const float across = normal.dot(from - value.closest);
+    beside[i] =
+        std::abs(value.distance) > static_cast<float>(tolerance_mm) &&
+        (std::abs(across) < 0.5f * std::abs(value.distance) || (facing && facing->dot(normal) < 0.5f));
   }
 };
 

@@ -17,9 +17,12 @@ constexpr double kToleranceMm = 1e-3, kToleranceOfSize = 1e-5;
 /// So many flats and corners must lie on a curved surface: fewer fit one by chance.
 constexpr size_t kLeastFlats = 4, kLeastCorners = 10;
 constexpr std::array<size_t, 2> kPatchFlats = {5, 9};  ///< That a curved surface is first looked for in.
-constexpr double kPlaneShare = 0.002;    ///< Of the whole area: a flat of this is a face, however it ends ...
-constexpr double kSharpShare = 0.6;      ///< ... as is one with this share of its border at sharp edges.
-constexpr double kRingSharpShare = 0.3;  ///< A single row of facets without this is one ring of a torus, say.
+constexpr double kPlaneShare = 0.002;  ///< Of the whole area: a flat of this is a face, however it ends ...
+constexpr double kSharpShare = 0.6;    ///< ... as is one with this share of its border at sharp edges.
+/// A small curved face must end at sharp edges or run into faces already known along this share of its
+/// border: any patch of a finely meshed freeform surface lies close to some sphere.
+constexpr double kAnchoredShare = 0.3;
+constexpr double kLargeShare = 0.02;     ///< Of the whole area: a curved face of this is one however it ends.
 constexpr double kSmallestShare = 2e-4;  ///< Of the whole area: smaller freeform pieces join a neighbour.
 constexpr double kLoose = 10;  ///< Times the tolerance: a face's own facets that are not meshed exactly ...
 constexpr double kLooseCosine = 0.9997;  ///< ... if they face along its surface (1.4 degrees).
@@ -74,18 +77,41 @@ class Segmenter {
     return all == 0 || sharp >= share * all;
   }
 
+  /// Runs into known faces, or ends sharply, along enough of its border.
+  bool anchored(std::span<const int> members) const {
+    const std::set<int> inside(members.begin(), members.end());
+    double held = 0, all = 0;
+    for (const int f : members) {
+      held += flats_[f].open_mm;
+      all += flats_[f].open_mm;
+      for (const auto& border : flats_[f].borders) {
+        if (inside.contains(border.flat)) continue;
+        all += border.length_mm;
+        if (!border.smooth || piece_of_[border.flat] >= 0) held += border.length_mm;
+      }
+    }
+    return all == 0 || held >= kAnchoredShare * all;
+  }
+
   bool is_plane(int f) const {
     if (flats_[f].area_mm2 >= kPlaneShare * area_) return true;
     return flats_[f].area_mm2 >= kSmallestShare * area_ && sharp_enough(std::array{f}, kSharpShare);
   }
 
+  /// Grows over the longest border each time: along the strips of a fillet, not out of it at their ends.
   std::vector<int> patch_around(int seed, size_t count) const {
     std::vector<int> patch{seed};
-    for (size_t k = 0; k < patch.size() && patch.size() < count; ++k)
-      for (const auto& border : flats_[patch[k]].borders)
-        if (border.smooth && piece_of_[border.flat] < 0 && patch.size() < count &&
-            std::find(patch.begin(), patch.end(), border.flat) == patch.end())
-          patch.push_back(border.flat);
+    while (patch.size() < count) {
+      const Flat::Border* longest = nullptr;
+      for (const int f : patch)
+        for (const auto& border : flats_[f].borders)
+          if (border.smooth && piece_of_[border.flat] < 0 &&
+              (!longest || border.length_mm > longest->length_mm) &&
+              std::find(patch.begin(), patch.end(), border.flat) == patch.end())
+            longest = &border;
+      if (!longest) break;
+      patch.push_back(longest->flat);
+    }
     return patch;
   }
 
@@ -138,8 +164,8 @@ class Segmenter {
     size_t corners = 0;
     for (const int f : best.flats) corners += flats_[f].corners.size();
     if (best.flats.size() < kLeastFlats || corners < kLeastCorners) return false;
-    if (best.surface.kind != SurfaceKind::kSphere && !sharp_enough(best.flats, kRingSharpShare) &&
-        best_area < 10 * kPlaneShare * area_ && single_row(best)) {
+    if (best_area < kLargeShare * area_ && !sharp_enough(best.flats, kAnchoredShare) &&
+        (!anchored(best.flats) || single_row(best))) {
       for (const int f : best.flats) tried_[f] = 1;
       return true;  // stays for a freeform face
     }
@@ -151,6 +177,7 @@ class Segmenter {
   /// All corners lie on two circles about the axis, so that any surface of revolution could be the one, and
   /// the surface goes on smoothly beyond them.
   bool single_row(const Piece& piece) const {
+    if (piece.surface.kind == SurfaceKind::kSphere) return false;
     std::vector<double> along;
     for (const int f : piece.flats)
       for (const Eigen::Vector3d& p : flats_[f].corners)
@@ -171,7 +198,7 @@ class Segmenter {
         rings += border.length_mm;
         if (border.smooth && piece_of_[border.flat] < 0) smooth_rings += border.length_mm;
       }
-    return rings > 0 && smooth_rings > 0.5 * rings;
+    return rings > 0 && smooth_rings > 0.4 * rings;
   }
 
   void take_plane(int f) {

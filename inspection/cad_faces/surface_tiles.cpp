@@ -11,8 +11,9 @@ namespace gantry::internal {
 namespace {
 
 constexpr size_t kTiles = 72;
-constexpr size_t kFitSamples = 20000;  // of the surface, for Lloyd's algorithm
-constexpr int kRounds = 15;
+constexpr size_t kFitSamples = 10000;  // of the surface, for Lloyd's algorithm
+constexpr int kRounds = 60, kSettling = 12;
+constexpr double kTooSmall = 0.5, kTooLarge = 1.5;  // times the mean
 
 }  // namespace
 
@@ -51,6 +52,21 @@ SurfaceTiles::SurfaceTiles(const CoverageSamples& samples) {
       if (count[t] == 0) continue;
       tiles_[t].centre = (place[t] / count[t]).cast<float>();
       tiles_[t].normal = (facing[t] / count[t]).cast<float>();
+    }
+    // Tiles of one area: the smallest moves into the largest, to its sample furthest from the centre.
+    const auto [least, most] = std::minmax_element(count.begin(), count.end());
+    const double mean = static_cast<double>(fit.size()) / static_cast<double>(tiles_.size());
+    if (round >= kRounds - kSettling || *least > kTooSmall * mean || *most < kTooLarge * mean) continue;
+    const auto from = static_cast<size_t>(least - count.begin()),
+               to = static_cast<size_t>(most - count.begin());
+    float furthest = -1;
+    for (size_t k = 0; k < fit.size(); ++k) {
+      if (own[k] != to) continue;
+      const float d = distance(tiles_[to], points[fit[k]], normals[fit[k]]);
+      if (d <= furthest) continue;
+      furthest = d;
+      tiles_[from].centre = points[fit[k]];
+      tiles_[from].normal = normals[fit[k]];
     }
   }
   std::vector<Eigen::Vector3f> centres;

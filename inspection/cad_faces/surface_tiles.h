@@ -7,9 +7,10 @@
 
 namespace gantry::internal {
 
-/// The CAD surface cut into tiles of about equal area: centroidal Voronoi cells (Lloyd's algorithm) in
-/// position and normal, the normal weighted by the size of a tile, so that the two sides of a sheet never
-/// share one and tiles tend to end at edges. The same for every part held against one CAD model.
+/// The CAD surface cut into tiles of about equal area: centroidal Voronoi cells (Lloyd's algorithm, small
+/// ones moved into large ones) in position and normal, the normal weighted by the size of a tile, so that the
+/// two sides of a sheet never share one and tiles tend to end at edges. The same for every part held against
+/// one CAD model.
 class SurfaceTiles {
  public:
   struct Tile {

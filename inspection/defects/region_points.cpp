@@ -80,16 +80,22 @@ std::vector<std::vector<size_t>> linked_groups(const std::vector<Eigen::Vector3f
 
 std::vector<std::vector<size_t>> regions_out_of_tolerance(const DefectScene& scene) {
   std::vector<size_t> out;
-  std::vector<Eigen::Vector3f> feet;
+  std::vector<Eigen::Vector3f> feet, places;
   for (size_t i = 0; i < scene.result.deviation_mm.size(); ++i)
     if (std::abs(scene.result.deviation_mm[i]) > scene.options.tolerance_mm) {  // NaN compares false
       out.push_back(i);
       feet.push_back(scene.feet.point[i]);
+      places.push_back(scene.result.cloud.points[i]);
     }
-  std::vector<std::vector<size_t>> regions = linked_groups(feet, scene.options.link_distance_mm);
-  for (auto& region : regions)
-    for (size_t& i : region) i = out[i];
-  return regions;
+  Groups groups(out.size());
+  for (const auto* points : {&feet, &places})
+    for (const auto& group : linked_groups(*points, scene.options.link_distance_mm))
+      for (const size_t k : group) groups.join(group.front(), k);
+  std::map<size_t, std::vector<size_t>> regions;
+  for (size_t k = 0; k < out.size(); ++k) regions[groups.root(k)].push_back(out[k]);
+  std::vector<std::vector<size_t>> result;
+  for (auto& [root, members] : regions) result.push_back(std::move(members));
+  return result;
 }
 
 RegionExtent measure_region(const DefectScene& scene, const std::vector<size_t>& members) {

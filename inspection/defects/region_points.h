@@ -27,9 +27,10 @@ struct DefectScene {
   size_t face(size_t i) const { return static_cast<size_t>(cad.face_of_triangle[feet.triangle[i]]); }
 };
 
-/// Points out of tolerance, in connected regions. They are connected on the CAD surface: where their feet are
-/// within the linking distance. So are the two faces of a wall thinner than that, and a dent that shows on
-/// both sides of a sheet is one region.
+/// Points out of tolerance, in connected regions: those whose feet on the CAD surface are within the linking
+/// distance belong together, as do those that are so themselves (the ground that is left of a missing boss
+/// stands on its top and on its wall). So are the two faces of a thinner wall, and a dent that shows on both
+/// sides of a sheet is one region.
 std::vector<std::vector<size_t>> regions_out_of_tolerance(const DefectScene& scene);
 
 /// Joins points closer than `link_mm` (to a third of it) into groups of indices into `points`, each rising.
