@@ -190,6 +190,7 @@ ExitCode run(const RunCommand& command) {
   progress.stage("inspecting");
   InspectionOptions inspection;
   inspection.tolerance_mm = plan.tolerance_mm;
+  inspection.systematic_sigma_mm = cell.chain.sensor_systematic_sigma_mm;
   inspection.fixture = std::move(fixture);
   progress.clear();
   const ExitCode code = inspect_and_report(fused.merged, *reference, inspection,
@@ -283,9 +284,10 @@ int main(int argc, char** argv) {
   running->add_option("--out", command.out, "Run folder; must be new unless --resume")->required();
   running->add_flag("--resume", command.resume, "Continue an interrupted run in this folder");
   running
-      ->add_option("--allow-left-out", command.allowed_left_out,
-                   "So many scans may be left out of a result that counts: scans that contradict the others or "
-                   "are not held by them; default: none")
+      ->add_option(
+          "--allow-left-out", command.allowed_left_out,
+          "So many scans may be left out of a result that counts: scans that contradict the others or "
+          "are not held by them; default: none")
       ->check(CLI::Range(0, 1000));
   running->add_option("--sim-part", command.part, "Mesh that stands in an in-process simulated cell");
   running->add_option("--seed", command.seed, "Seed of an in-process simulated cell")->capture_default_str();

@@ -3,6 +3,7 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
+#include <cmath>
 #include <cstdio>
 
 #include "gantry/foundation/error.h"
@@ -76,6 +77,16 @@ void print_unjudged(const InspectionResult& result, const InspectionOptions& opt
   }
 }
 
+void print_uncertainty(const InspectionResult& result) {
+  const UncertaintyBudget& u = result.budget;
+  char poses[32] = "unknown";
+  if (result.poses_known) std::snprintf(poses, sizeof poses, "%.4f", u.scan_poses);
+  std::printf(
+      "  uncertainty ±%.4f mm (95 %%) of a typical point; standard: noise %.4f, scan poses %s, "
+      "alignment %.4f, sensor %.4f mm\n",
+      kCoverageFactor95 * u.combined(), u.noise, poses, u.alignment, u.sensor);
+}
+
 void print_summary(const InspectionResult& result, const InspectionOptions& options,
                    const std::filesystem::path& report) {
   const DeviationStatistics& s = result.statistics;
@@ -83,6 +94,7 @@ void print_summary(const InspectionResult& result, const InspectionOptions& opti
   std::printf("  deviation  mean %+.4f mm, sigma %.4f mm, %.2f %% of %zu points within ±%.3f mm\n", s.mean,
               s.sigma, 100 * s.within_tolerance, s.count, options.tolerance_mm);
   std::printf("  coverage   %.1f %% of the CAD surface\n", 100 * result.coverage);
+  print_uncertainty(result);
   if (options.align) print_alignment(result.alignment);
   print_defects(result.defects);
   print_unjudged(result, options);

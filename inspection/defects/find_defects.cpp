@@ -7,6 +7,7 @@
 #include <numbers>
 
 #include "defects/classify.h"
+#include "defects/residue.h"
 #include "gantry/geometry/point_index.h"
 
 namespace gantry::internal {
@@ -99,15 +100,53 @@ Peak find_peak(const InspectionResult& result, const LocalSurface& surface, cons
   return {candidates[c], median(std::move(climbed))};
 }
 
+/// Who measured each point, and what residue is told by.
+class Residue {
+ public:
+  explicit Residue(const DefectScene& scene) : sources_(scene.sources) {
+    if (!sources_ || sources_->scans.size() < 2) return;
+    const size_t n = scene.feet.point.size();
+    normals_.assign(n, Eigen::Vector3f::Zero());
+    scan_.assign(n, kManyScans);
+    tbb::parallel_for(size_t{0}, n, [&](size_t i) {
+      if (scene.feet.triangle[i] < 0) return;
+      normals_[i] = scene.foot_normal(i);
+      for (const CloudSources::Share& share : sources_->of(i))
+        if (share.fraction() >= kOwnShare) scan_[i] = share.scan;
+    });
+    finder_.emplace(ScanDeviations{scene.feet.point, normals_, scene.result.deviation_mm, scan_},
+                    scene.options.tolerance_mm);
+  }
+
+  void judge(Defect& defect, const std::vector<size_t>& members) const {
+    const auto scan = finder_ ? finder_->scan_that_explains(members) : std::nullopt;
+    if (!scan) return;
+    defect.kind = DefectClass::kRegistrationResidue;
+    defect.certain = false;
+    defect.words = "scan " + sources_->scans[*scan] + " lies off the others, which find the surface good";
+  }
+
+ private:
+  static constexpr double kOwnShare = 0.6;  ///< A point is a scan's own with so much of it.
+
+  const CloudSources* sources_;  ///< Null: not known.
+  std::vector<Eigen::Vector3f> normals_;
+  std::vector<uint16_t> scan_;
+  std::optional<ResidueFinder> finder_;
+};
+
 }  // namespace
 
 void find_defects(InspectionResult& result, const LocalSurface& surface, const SignedDistance& reference,
                   const CadFaces& cad, const JudgedFeet& feet, const CoverageSamples& samples,
-                  const InspectionOptions& options) {
+                  const InspectionOptions& options, const CloudSources* sources) {
   const PointCloud& cloud = result.cloud;
-  const DefectScene scene{result, surface, reference, cad, feet, samples, options};
+  const DefectScene scene{result, surface, reference, cad, feet, samples, options, sources};
   std::vector<std::pair<Defect, std::vector<size_t>>> found;
-  for (auto& members : regions_out_of_tolerance(scene)) {
+  std::vector<std::vector<size_t>> regions = regions_out_of_tolerance(scene);
+  std::optional<Residue> residue;
+  if (!regions.empty()) residue.emplace(scene);
+  for (auto& members : regions) {
     Defect defect;
     const RegionExtent extent = measure_region(scene, members);
     defect.points = members.size();
@@ -136,14 +175,15 @@ void find_defects(InspectionResult& result, const LocalSurface& surface, const S
     defect.extent_mm = box.sizes();
     defect.mean_mm = magnitudes / count;
     defect.signed_mean_mm = deviations / count;
-    defect.mean_uncertainty_mm = 2 * uncertainties / count;
+    defect.mean_uncertainty_mm = kCoverageFactor95 * uncertainties / count;
     const Peak peak = find_peak(result, surface, reference, options, members);
     defect.peak_mm = peak.deviation;
     defect.peak_at_mm = cloud.points[peak.point].cast<double>();
-    defect.uncertainty_mm = 2.0 * result.uncertainty_mm[peak.point];
+    defect.uncertainty_mm = kCoverageFactor95 * result.uncertainty_mm[peak.point];
     defect.normal = facing[main_direction(cloud, peak.point)].stableNormalized();
     defect.certain = std::abs(defect.peak_mm) > options.tolerance_mm + defect.uncertainty_mm;
     classify(defect, scene, members);
+    residue->judge(defect, members);
     found.emplace_back(defect, std::move(members));
   }
   std::stable_sort(found.begin(), found.end(), [](const auto& a, const auto& b) {

@@ -19,6 +19,7 @@ struct DefectScene {
   const JudgedFeet& feet;
   const CoverageSamples& samples;
   const InspectionOptions& options;
+  const CloudSources* sources;  ///< Which scans the points come from; null: not known.
 
   /// The normal of the CAD triangle that a judged point stands on.
   Eigen::Vector3f foot_normal(size_t i) const {

@@ -12,9 +12,9 @@
 namespace gantry::internal {
 namespace {
 
-constexpr float kBesideMm = 1.0f;     ///< Points of other scans so close measured the same surface ...
-constexpr float kSameSide = 0.7f;     ///< ... if the CAD surface faces the same way (cosine).
-constexpr size_t kMostPairs = 20000;  ///< A scan's twist is fitted to, spread evenly over it.
+constexpr float kBesideMm = 1.0f;    ///< Points of other scans so close measured the same surface ...
+constexpr float kSameSide = 0.7f;    ///< ... if the CAD surface faces the same way (cosine).
+constexpr size_t kMostPairs = 3000;  ///< A scan's twist is fitted to, spread evenly over it.
 constexpr size_t kLeastPairs = 30;
 constexpr int kRounds = 10;
 constexpr double kHeldShare = 1e-4;  ///< Directions held by less than this of the best one are not moved.
@@ -30,56 +30,55 @@ double median(std::vector<double> values) {
 
 ResidueFinder::ResidueFinder(const ScanDeviations& deviations, double tolerance_mm)
     : all_(deviations), tolerance_mm_(tolerance_mm) {
-  const size_t n = all_.point.size();
-  others_.assign(n, std::numeric_limits<double>::quiet_NaN());
-  std::vector<size_t> judged;
-  std::vector<Eigen::Vector3f> points;
-  size_t scans = 0;
-  for (size_t i = 0; i < n; ++i) {
+  std::vector<std::vector<size_t>> of_scan;
+  for (size_t i = 0; i < all_.point.size(); ++i) {
     if (all_.scan[i] == kManyScans || !std::isfinite(all_.deviation_mm[i])) continue;
-    judged.push_back(i);
-    points.push_back(all_.point[i]);
+    judged_.push_back(i);
+    points_.push_back(all_.point[i]);
     centre_ += all_.point[i].cast<double>();
-    scans = std::max<size_t>(scans, all_.scan[i] + 1u);
+    if (all_.scan[i] >= of_scan.size()) of_scan.resize(all_.scan[i] + 1u);
+    of_scan[all_.scan[i]].push_back(i);
   }
-  motions_.resize(scans);
-  if (judged.empty()) return;
-  centre_ /= static_cast<double>(judged.size());
-  const PointIndex index(points);
-  tbb::parallel_for(size_t{0}, judged.size(), [&](size_t k) {
-    thread_local std::vector<PointIndex::Neighbour> near;
-    const size_t i = judged[k];
-    index.within(points[k], kBesideMm, near);
-    std::sort(near.begin(), near.end(), [](const auto& a, const auto& b) { return a.index < b.index; });
-    double sum = 0, count = 0;
-    for (const auto& each : near) {
-      const size_t j = judged[each.index];
-      if (all_.scan[j] == all_.scan[i] || all_.normal[j].dot(all_.normal[i]) < kSameSide) continue;
-      sum += all_.deviation_mm[j];
-      ++count;
-    }
-    if (count > 0) others_[i] = sum / count;
-  });
-  for (size_t scan = 0; scan < scans; ++scan) fit_motion(scan);
+  motions_.resize(of_scan.size());
+  if (judged_.empty()) return;
+  centre_ /= static_cast<double>(judged_.size());
+  index_ = std::make_unique<PointIndex>(points_);
+  tbb::parallel_for(size_t{0}, of_scan.size(), [&](size_t scan) { fit_motion(scan, of_scan[scan]); });
 }
 
-void ResidueFinder::fit_motion(size_t scan) {
+ResidueFinder::~ResidueFinder() = default;
+
+double ResidueFinder::beside(size_t i) const {
+  thread_local std::vector<PointIndex::Neighbour> near;
+  index_->within(all_.point[i], kBesideMm, near);
+  std::sort(near.begin(), near.end(), [](const auto& a, const auto& b) { return a.index < b.index; });
+  double sum = 0, count = 0;
+  for (const auto& each : near) {
+    const size_t j = judged_[each.index];
+    if (all_.scan[j] == all_.scan[i] || all_.normal[j].dot(all_.normal[i]) < kSameSide) continue;
+    sum += all_.deviation_mm[j];
+    ++count;
+  }
+  return count > 0 ? sum / count : std::numeric_limits<double>::quiet_NaN();
+}
+
+void ResidueFinder::fit_motion(size_t scan, const std::vector<size_t>& points) {
   std::vector<size_t> pairs;
-  for (size_t i = 0; i < others_.size(); ++i)
-    if (all_.scan[i] == scan && std::isfinite(others_[i])) pairs.push_back(i);
-  const size_t stride = pairs.size() / kMostPairs + 1;
-  std::vector<Vector6d> row;
   std::vector<double> departure;
+  const size_t stride = points.size() / kMostPairs + 1;
+  for (size_t k = 0; k < points.size(); k += stride)
+    if (const double others = beside(points[k]); std::isfinite(others)) {
+      pairs.push_back(points[k]);
+      departure.push_back(all_.deviation_mm[points[k]] - others);
+    }
+  std::vector<Vector6d> row;
   double scale = 1;  // of rotations, so that the two halves of a twist are alike
-  for (size_t k = 0; k < pairs.size(); k += stride)
-    scale = std::max(scale, (all_.point[pairs[k]].cast<double>() - centre_).norm());
-  for (size_t k = 0; k < pairs.size(); k += stride) {
-    const size_t i = pairs[k];
+  for (const size_t i : pairs) scale = std::max(scale, (all_.point[i].cast<double>() - centre_).norm());
+  for (const size_t i : pairs) {
     const Eigen::Vector3d p = all_.point[i].cast<double>() - centre_, n = all_.normal[i].cast<double>();
     Vector6d j;
     j << p.cross(n) / scale, n;
     row.push_back(j);
-    departure.push_back(all_.deviation_mm[i] - others_[i]);
   }
   Motion& motion = motions_[scan];
   motion.pairs = pairs.size();
@@ -122,15 +121,19 @@ std::optional<size_t> ResidueFinder::scan_that_explains(std::span<const size_t> 
   const auto scan = static_cast<size_t>(std::max_element(count.begin(), count.end()) - count.begin());
   const auto own = static_cast<double>(count[scan]);
   if (own < kMostMembers * static_cast<double>(members.size())) return std::nullopt;
-  double beside = 0, good = 0, explained = 0;
-  for (const size_t i : members) {
+  double probes = 0, seen = 0, good = 0, explained = 0;
+  const size_t stride = members.size() / kMostPairs + 1;
+  for (size_t k = 0; k < members.size(); k += stride) {
+    const size_t i = members[k];
     if (all_.scan[i] != scan) continue;
+    ++probes;
     explained += std::abs(all_.deviation_mm[i] - moved_by(scan, i)) <= tolerance_mm_;
-    if (!std::isfinite(others_[i])) continue;
-    ++beside;
-    good += std::abs(others_[i]) <= tolerance_mm_;
+    const double others = beside(i);
+    if (!std::isfinite(others)) continue;
+    ++seen;
+    good += std::abs(others) <= tolerance_mm_;
   }
-  if (beside < kSeenBeside * own || good < kGood * beside || explained < kGood * own) return std::nullopt;
+  if (seen < kSeenBeside * probes || good < kGood * seen || explained < kGood * probes) return std::nullopt;
   return scan;
 }
 

@@ -2,10 +2,12 @@
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <memory>
 #include <optional>
 #include <span>
 #include <vector>
 
+#include "gantry/geometry/point_index.h"
 #include "gantry/geometry/pose.h"
 
 namespace gantry::internal {
@@ -35,7 +37,9 @@ class ResidueFinder {
     Vector6d twist = Vector6d::Zero();
   };
 
+  /// What the spans show must outlive this.
   ResidueFinder(const ScanDeviations& deviations, double tolerance_mm);
+  ~ResidueFinder();
 
   /// The scan whose motion explains the region, if one does:
   ///  1. it measured most of the region's points by itself;
@@ -46,13 +50,17 @@ class ResidueFinder {
   const std::vector<Motion>& motions() const { return motions_; }  ///< Of each scan.
 
  private:
-  void fit_motion(size_t scan);
+  void fit_motion(size_t scan, const std::vector<size_t>& points);
+  /// Mean deviation of other scans' points close to a point; NaN: there are none.
+  double beside(size_t i) const;
   double moved_by(size_t scan, size_t i) const;
 
   ScanDeviations all_;
   double tolerance_mm_;
   Eigen::Vector3d centre_ = Eigen::Vector3d::Zero();
-  std::vector<double> others_;  ///< Mean deviation of other scans' points close to each point; NaN: none.
+  std::vector<size_t> judged_;  ///< Of one scan each.
+  std::vector<Eigen::Vector3f> points_;
+  std::unique_ptr<PointIndex> index_;
   std::vector<Motion> motions_;
 };
 

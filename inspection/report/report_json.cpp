@@ -189,6 +189,13 @@ std::string report_json(const InspectionResult& result, const InspectionOptions&
   json["point_classes"] = {{"judged", count(PointClass::kJudged)},
                            {"fixture", count(PointClass::kFixture)},
                            {"far", count(PointClass::kFar)}};
+  const UncertaintyBudget& u = result.budget;
+  json["uncertainty"] = {{"typical_mm", kCoverageFactor95 * u.combined()},
+                         {"coverage", 0.95},
+                         {"noise_sigma_mm", u.noise},
+                         {"scan_poses_sigma_mm", result.poses_known ? Json(u.scan_poses) : Json(nullptr)},
+                         {"alignment_sigma_mm", u.alignment},
+                         {"sensor_sigma_mm", u.sensor}};
   json["alignment"] = alignment_json(result.alignment);
   json["defects"] = Json::array();
   for (const Defect& d : result.defects) json["defects"].push_back(defect_json(d));

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cmath>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -34,10 +35,12 @@ struct InspectionOptions {
                                      ///< measured; at least twice the spacing of the points is used.
   double link_distance_mm = 3.0;  ///< Out-of-tolerance points closer than this belong to one defect (the two
                                   ///< faces of a thin wall do, so that a dent is one defect, not two).
-  double min_defect_area_mm2 = 1.0;   ///< Smaller regions are not reported.
-  double min_coverage = 0.5;          ///< Less of the CAD surface seen than this: UNDECIDED.
-  double systematic_sigma_mm = 0.02;  ///< Standard uncertainty common to neighbouring points (registration,
-                                      ///< sensor scale), which averaging does not reduce.
+  double min_defect_area_mm2 = 1.0;  ///< Smaller regions are not reported.
+  double min_coverage = 0.5;         ///< Less of the CAD surface seen than this: UNDECIDED.
+  /// Standard uncertainty of the sensor that neighbouring points of a scan have in common (its calibration,
+  /// optics of the surface), so that smoothing does not reduce it: a quarter of the maximum permissible
+  /// error of its data sheet, say. It is taken as independent from scan to scan.
+  double systematic_sigma_mm = 0.02;
   /// The fixture that held the part, in the frame of the cloud: points nearer to it than to the part,
   /// or within `fixture_margin_mm` of it, are not judged.
   std::optional<TriangleMesh> fixture;
@@ -69,7 +72,7 @@ struct Defect {
   Eigen::Vector3d peak_at_mm;  ///< Where the peak is.
   Eigen::Vector3d normal;      ///< Mean outward normal of the face on which the peak lies.
   size_t points = 0;
-  bool certain = false;  ///< |peak| exceeds the tolerance by more than U.
+  bool certain = false;  ///< |peak| exceeds the tolerance by more than U; never of a registration residue.
   DefectClass kind = DefectClass::kPartDefect;
   std::string words;             ///< What it looks like: "dent or bulge through the wall" ...
   std::string face, face_words;  ///< The CAD face that it lies on, or that is missing: see CadFace.
@@ -87,14 +90,34 @@ struct DeviationStatistics {
   double within_tolerance = 0;       ///< Fraction of judged points.
 };
 
+/// What a deviation's uncertainty is made of, independent of each other: standard uncertainties (mm), or
+/// variances (mm^2) where that is said.
+struct UncertaintyBudget {
+  double noise = 0;       ///< Of the sensor, pixel by pixel, after smoothing.
+  double scan_poses = 0;  ///< Of the scans that measured it, as far as the alignment does not take it up.
+  double alignment = 0;   ///< To the CAD model: noise, and what lies off the model by chance.
+  double sensor = 0;      ///< What neighbouring points have in common.
+
+  double combined() const {
+    return std::sqrt(noise * noise + scan_poses * scan_poses + alignment * alignment + sensor * sensor);
+  }
+};
+
+/// Standard uncertainties to each side that hold 95 % of a normal distribution.
+constexpr double kCoverageFactor95 = 1.96;
+
 struct InspectionResult {
   Verdict verdict = Verdict::kUndecided;
   std::string reason;               ///< One sentence for a person.
   AlignmentResult alignment;        ///< Its pose maps the given cloud into the CAD frame.
   PointCloud cloud;                 ///< The given cloud in the CAD frame, same order.
   std::vector<float> deviation_mm;  ///< Per point, smoothed; NaN unless judged. Positive: too much material.
-  std::vector<float> uncertainty_mm;    ///< Per point, standard uncertainty; NaN unless judged.
-  std::vector<int> defect_id;           ///< Per point: 0 none, else Defect::id.
+  /// Per point, standard uncertainty; NaN unless judged. With a probability of 95 % the true deviation lies
+  /// within 1.96 times that of the measured one.
+  std::vector<float> uncertainty_mm;
+  UncertaintyBudget budget;    ///< Of a typical point: medians over the judged ones.
+  bool poses_known = false;    ///< Whether the cloud said which scans it comes from, and how well these lie.
+  std::vector<int> defect_id;  ///< Per point: 0 none, else Defect::id.
   std::vector<PointClass> point_class;  ///< Per point.
   DeviationStatistics statistics;
   double coverage = 0;  ///< Fraction of the CAD surface that was seen.
