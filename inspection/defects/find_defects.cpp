@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numbers>
 
 #include "defects/classify.h"
@@ -107,14 +108,17 @@ class Residue {
     if (!sources_ || sources_->scans.size() < 2) return;
     const size_t n = scene.feet.point.size();
     normals_.assign(n, Eigen::Vector3f::Zero());
+    deviation_.assign(n, std::numeric_limits<float>::quiet_NaN());
     scan_.assign(n, kManyScans);
     tbb::parallel_for(size_t{0}, n, [&](size_t i) {
       if (scene.feet.triangle[i] < 0) return;
       normals_[i] = scene.foot_normal(i);
+      // As it was measured: smoothing mixes the scans.
+      deviation_[i] = (scene.result.cloud.points[i] - scene.feet.point[i]).dot(normals_[i]);
       for (const CloudSources::Share& share : sources_->of(i))
         if (share.fraction() >= kOwnShare) scan_[i] = share.scan;
     });
-    finder_.emplace(ScanDeviations{scene.feet.point, normals_, scene.result.deviation_mm, scan_},
+    finder_.emplace(ScanDeviations{scene.feet.point, normals_, deviation_, scan_},
                     scene.options.tolerance_mm);
   }
 
@@ -131,6 +135,7 @@ class Residue {
 
   const CloudSources* sources_;  ///< Null: not known.
   std::vector<Eigen::Vector3f> normals_;
+  std::vector<float> deviation_;
   std::vector<uint16_t> scan_;
   std::optional<ResidueFinder> finder_;
 };
