@@ -17,7 +17,7 @@ namespace {
 using namespace gantry;
 
 struct InspectOptions {
-  std::filesystem::path cloud, reference, out, fixture, datums;
+  std::filesystem::path cloud, reference, out, fixture, fixture_scan, datums;
   double tolerance_mm = 0, systematic_sigma_mm = InspectionOptions().systematic_sigma_mm;
   std::string align = "best-fit";
   bool from_any_start = false;
@@ -43,6 +43,8 @@ ExitCode run_inspect(const InspectOptions& o) {
     throw InputError("--align datum and --datums DATUMS.yaml belong together");
   if (!o.datums.empty()) options.datums = read_datums(o.datums);
   if (!o.fixture.empty()) options.fixture = read_mesh(o.fixture);
+  if (!o.fixture_scan.empty())
+    options.fixture_scan = read_point_cloud(o.fixture_scan, o.unit == "m" ? 1000.0 : 1.0);
   Traceability trace;
   trace.title = o.reference.stem().string();
   trace.created = utc_now();
@@ -53,6 +55,10 @@ ExitCode run_inspect(const InspectOptions& o) {
   if (!o.datums.empty())
     trace.entries.push_back(
         {"Datums", o.datums.filename().string() + ", sha256 " + sha256_of_file(o.datums)});
+  for (const auto& [name, file] :
+       {std::pair{"Fixture", &o.fixture}, {"Scan of the fixture", &o.fixture_scan}})
+    if (!file->empty())
+      trace.entries.push_back({name, file->filename().string() + ", sha256 " + sha256_of_file(*file)});
   return inspect_and_report(cloud, reference, options, trace, o.out, o.json);
 }
 
@@ -90,6 +96,8 @@ int main(int argc, char** argv) {
                        "The cloud may lie anywhere, turned by any angle: search for its pose first");
   inspecting->add_option("--fixture", ins.fixture,
                          "Mesh of what held the part, in the cloud's frame: it is not judged");
+  inspecting->add_option("--fixture-scan", ins.fixture_scan,
+                         "Merged scan of the empty fixture, in the cloud's frame and unit: it is not judged");
   inspecting
       ->add_option(
           "--sensor-sigma", ins.systematic_sigma_mm,

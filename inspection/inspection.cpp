@@ -7,10 +7,12 @@
 #include <cstdio>
 #include <limits>
 
-#include "defects.h"
+#include "cad_faces/patch_statistics.h"
+#include "defects/find_defects.h"
+#include "defects/unjudged.h"
+#include "fixture.h"
 #include "gantry/foundation/error.h"
 #include "gantry/geometry/spatial_order.h"
-#include "gantry/geometry/surface_index.h"
 #include "local_surface.h"
 #include "surface_coverage.h"
 #include "uncertainty/deviation_uncertainty.h"
@@ -33,6 +35,8 @@ void validate(const PointCloud& cloud, const InspectionOptions& o) {
   require(o.averaging_radius_mm >= 0, "the averaging radius must not be negative");
   require(o.link_distance_mm > 0, "the linking distance must be positive");
   require(o.systematic_sigma_mm >= 0, "systematic_sigma_mm must not be negative");
+  require(o.min_unseen_area_mm2 >= 0, "the least area of surface without data must not be negative");
+  require(o.fixture_margin_mm >= 0, "the margin of the fixture must not be negative");
   require(o.min_coverage >= 0 && o.min_coverage <= 1, "the least coverage is a fraction from 0 to 1");
 }
 
@@ -44,24 +48,6 @@ PointCloud transformed(const PointCloud& cloud, const Pose& pose) {
     if (cloud.has_normals()) out.normals[i] = (pose.linear() * cloud.normals[i].cast<double>()).cast<float>();
   });
   return out;
-}
-
-/// Each point's distance to the fixture, infinite where there is none near.
-std::vector<float> fixture_distances(const PointCloud& cloud, const InspectionOptions& options) {
-  std::vector<float> distances(cloud.size(), std::numeric_limits<float>::infinity());
-  if (!options.fixture) return distances;
-  const SurfaceIndex fixture(*options.fixture);
-  const auto reach = static_cast<float>(options.max_distance_mm + options.fixture_margin_mm);
-  for_each_run(cloud.points, [&](std::span<const uint32_t> run) {
-    int near = -1;
-    for (const uint32_t i : run) {
-      const auto closest = fixture.closest(cloud.points[i], reach, near);
-      if (!closest) continue;
-      distances[i] = closest->distance;
-      near = closest->triangle;
-    }
-  });
-  return distances;
 }
 
 DeviationStatistics statistics_of(std::vector<float> values, double tolerance_mm) {
@@ -162,7 +148,9 @@ InspectionResult inspect(const PointCloud& cloud, const SignedDistance& referenc
                          const InspectionOptions& options) {
   validate(cloud, options);
   InspectionResult result;
-  const std::vector<float> to_fixture = fixture_distances(cloud, options);
+  const internal::Fixture fixture(options);
+  const std::vector<float> to_fixture = fixture.distances(
+      cloud.points, static_cast<float>(options.max_distance_mm + options.fixture_margin_mm));
 
   if (options.align) {
     std::vector<uint32_t> free_of_fixture;
@@ -186,7 +174,7 @@ InspectionResult inspect(const PointCloud& cloud, const SignedDistance& referenc
   result.deviation_mm.assign(n, kNaN);
   result.uncertainty_mm.assign(n, kNaN);
   result.point_class.assign(n, PointClass::kFar);
-  std::vector<Eigen::Vector3f> foot(n), foot_normal(n);
+  internal::JudgedFeet feet(n);
   const internal::DeviationUncertainty uncertainty(result.cloud, cloud.sources.get(), surface,
                                                    result.alignment, options.systematic_sigma_mm);
   const size_t every = 1 + n / kBudgetPoints;
@@ -205,8 +193,8 @@ InspectionResult inspect(const PointCloud& cloud, const SignedDistance& referenc
       if (i % every == 0) samples[i / every] = v;
       result.uncertainty_mm[i] =
           static_cast<float>(std::sqrt(v.noise + v.scan_poses + v.alignment + v.sensor));
-      foot[i] = value->closest;
-      foot_normal[i] = reference.mesh().normal(value->triangle);
+      feet.stand(i, *value, surface.points[i], cloud.has_normals() ? &result.cloud.normals[i] : nullptr,
+                 reference.mesh(), options.tolerance_mm);
     }
   };
   for_each_run(surface.points, [&](std::span<const uint32_t> run) {
@@ -219,18 +207,16 @@ InspectionResult inspect(const PointCloud& cloud, const SignedDistance& referenc
       judge(i, value);
     }
   });
-  PointCloud feet;  // where the judged points stand on the CAD surface
-  for (size_t i = 0; i < n; ++i) {
-    if (result.point_class[i] != PointClass::kJudged) continue;
-    feet.points.push_back(foot[i]);
-    feet.normals.push_back(foot_normal[i]);
-  }
 
   result.budget = medians_of(samples);
   result.poses_known = cloud.sources && cloud.sources->pose_covariance.size() > 0;
   result.statistics = statistics_of(result.deviation_mm, options.tolerance_mm);
-  result.coverage = internal::surface_coverage(reference.mesh(), feet, 1.0);
-  internal::find_defects(result, surface, reference, options);
+  const internal::CoverageSamples coverage = internal::sample_coverage(reference, feet, 1.0);
+  result.coverage = coverage.fraction();
+  const CadFaces cad = segment_faces(reference.mesh());
+  internal::measure_surface(result, reference.mesh(), cad, feet, coverage);
+  internal::find_unjudged(result, cad, coverage, fixture, options);
+  internal::find_defects(result, surface, reference, cad, feet, coverage, options, cloud.sources.get());
   decide(result, options);
   return result;
 }

@@ -11,6 +11,8 @@
 #include "gantry/geometry/signed_distance.h"
 #include "gantry/inspection/alignment.h"
 #include "gantry/inspection/datums.h"
+#include "gantry/inspection/defect_class.h"
+#include "gantry/inspection/surface_statistics.h"
 
 namespace gantry {
 
@@ -42,7 +44,11 @@ struct InspectionOptions {
   /// The fixture that held the part, in the frame of the cloud: points nearer to it than to the part,
   /// or within `fixture_margin_mm` of it, are not judged.
   std::optional<TriangleMesh> fixture;
+  /// The same, learned: a scan of the empty fixture, registered and merged, in the frame of the cloud. Points
+  /// of it with few others around them are noise and left out.
+  std::optional<PointCloud> fixture_scan;
   double fixture_margin_mm = 1.0;
+  double min_unseen_area_mm2 = 10;  ///< Smaller pieces of CAD surface without data are not listed one by one.
 };
 
 /// What became of a point of the cloud.
@@ -66,7 +72,14 @@ struct Defect {
   Eigen::Vector3d peak_at_mm;  ///< Where the peak is.
   Eigen::Vector3d normal;      ///< Mean outward normal of the face on which the peak lies.
   size_t points = 0;
-  bool certain = false;  ///< |peak| exceeds the tolerance by more than U.
+  bool certain = false;  ///< |peak| exceeds the tolerance by more than U; never of a registration residue.
+  DefectClass kind = DefectClass::kPartDefect;
+  std::string words;             ///< What it looks like: "dent or bulge through the wall" ...
+  std::string face, face_words;  ///< The CAD face that it lies on, or that is missing: see CadFace.
+  /// Integrals of the deviation over the CAD surface, by sign; of a hole that was not made, what fills it.
+  double extra_mm3 = 0, missing_mm3 = 0;
+  double signed_mean_mm = 0;       ///< Mean deviation ...
+  double mean_uncertainty_mm = 0;  ///< ... and its expanded uncertainty U (95 %); see SurfaceStatistics.
 };
 
 /// Statistics of the judged deviations (mm).
@@ -109,6 +122,13 @@ struct InspectionResult {
   DeviationStatistics statistics;
   double coverage = 0;  ///< Fraction of the CAD surface that was seen.
   std::vector<Defect> defects;
+  /// Connected pieces of CAD surface that no judged point covers, of at least `min_unseen_area_mm2`, the
+  /// largest first; with the smaller ones they add up to `unseen_mm2`.
+  std::vector<UnjudgedRegion> unseen;
+  double unseen_mm2 = 0;
+  std::vector<UnjudgedRegion> fixture_regions;  ///< What was found of the fixture, the largest first.
+  std::vector<SurfaceStatistics> faces;         ///< Of each smooth face of the CAD model (cad_faces.h).
+  std::vector<SurfaceStatistics> regions;       ///< Of tiles of about equal size, about 70 of them.
 };
 
 /// Compares a cloud with the CAD model. A cloud without normals is measured to the closest surface of
