@@ -18,7 +18,8 @@ using namespace gantry;
 
 struct InspectOptions {
   std::filesystem::path cloud, reference, out, fixture, fixture_scan, datums;
-  double tolerance_mm = 0, systematic_sigma_mm = InspectionOptions().systematic_sigma_mm;
+  double tolerance_mm = 0, systematic_sigma_mm = InspectionOptions().systematic_sigma_mm,
+         guard_band = InspectionOptions().guard_band;
   std::string align = "best-fit";
   bool from_any_start = false;
   std::string unit = "mm", reference_unit = "mm";
@@ -34,6 +35,7 @@ ExitCode run_inspect(const InspectOptions& o) {
   const TriangleMesh reference = read_mesh(o.reference, o.reference_unit == "m" ? 1000.0 : 1.0);
   InspectionOptions options;
   options.tolerance_mm = o.tolerance_mm;
+  options.guard_band = o.guard_band;
   options.systematic_sigma_mm = o.systematic_sigma_mm;
   options.align = o.align != "none";
   options.alignment.from_any_start = o.from_any_start;
@@ -98,6 +100,13 @@ int main(int argc, char** argv) {
                          "Mesh of what held the part, in the cloud's frame: it is not judged");
   inspecting->add_option("--fixture-scan", ins.fixture_scan,
                          "Merged scan of the empty fixture, in the cloud's frame and unit: it is not judged");
+  inspecting
+      ->add_option(
+          "--guard-band", ins.guard_band,
+          "On both sides of the tolerance, in standard uncertainties (ISO 14253-1): PASS and FAIL are "
+          "said beyond it only; 0: the measured value decides")
+      ->check(number_within(0, 10))
+      ->capture_default_str();
   inspecting
       ->add_option(
           "--sensor-sigma", ins.systematic_sigma_mm,

@@ -43,8 +43,18 @@ void print_defects(const std::vector<Defect>& defects) {
                 d.mean_uncertainty_mm, d.area_mm2, d.extra_mm3, d.missing_mm3, d.face.c_str());
     std::printf("          %s; %s\n", d.words.c_str(), d.face_words.c_str());
     std::printf("          centre %s, extent %s mm%s\n", text_of(d.centre_mm).c_str(),
-                text_of(d.extent_mm).c_str(), d.certain ? "" : ", not certain: within U");
+                text_of(d.extent_mm).c_str(), d.certain ? "" : ", not certain: within the guard band");
   }
+}
+
+void print_doubtful(const std::vector<Defect>& doubtful) {
+  if (doubtful.empty()) return;
+  std::printf(
+      "\n  in doubt  within the tolerance as measured, but by less than the guard band:\n"
+      "             peak ± U (mm)  area (mm2)  centre x, y, z (mm)            CAD face\n");
+  for (const Defect& d : doubtful)
+    std::printf("          %+8.3f ± %.3f  %10.1f  %-29s  %s\n", d.peak_mm, d.uncertainty_mm, d.area_mm2,
+                text_of(d.centre_mm).c_str(), d.face.c_str());
 }
 
 /// What nothing is claimed about, so that a PASS cannot be read as more than it is.
@@ -97,6 +107,7 @@ void print_summary(const InspectionResult& result, const InspectionOptions& opti
   print_uncertainty(result);
   if (options.align) print_alignment(result.alignment);
   print_defects(result.defects);
+  print_doubtful(result.doubtful);
   print_unjudged(result, options);
   std::printf("\n  report     %s\n", report.c_str());
 }

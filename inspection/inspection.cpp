@@ -16,6 +16,7 @@
 #include "local_surface.h"
 #include "surface_coverage.h"
 #include "uncertainty/deviation_uncertainty.h"
+#include "verdict.h"
 
 namespace gantry {
 namespace {
@@ -37,6 +38,7 @@ void validate(const PointCloud& cloud, const InspectionOptions& o) {
   require(o.systematic_sigma_mm >= 0, "systematic_sigma_mm must not be negative");
   require(o.min_unseen_area_mm2 >= 0, "the least area of surface without data must not be negative");
   require(o.fixture_margin_mm >= 0, "the margin of the fixture must not be negative");
+  require(o.guard_band >= 0 && o.guard_band <= 10, "the guard band is 0 to 10 standard uncertainties");
   require(o.min_coverage >= 0 && o.min_coverage <= 1, "the least coverage is a fraction from 0 to 1");
 }
 
@@ -93,56 +95,7 @@ UncertaintyBudget medians_of(const std::vector<std::optional<UncertaintyBudget>>
   return median;
 }
 
-void decide(InspectionResult& result, const InspectionOptions& options) {
-  char text[200];
-  const auto certain =
-      std::count_if(result.defects.begin(), result.defects.end(), [](const Defect& d) { return d.certain; });
-  if (options.align && !result.alignment.converged && result.alignment.inlier_fraction < kLeastFit) {
-    result.verdict = Verdict::kUndecided;
-    std::snprintf(
-        text, sizeof text,
-        "The alignment to the CAD model failed: is the cloud of this part, in this frame and unit?");
-  } else if (certain > 0) {
-    result.verdict = Verdict::kFail;
-    std::snprintf(text, sizeof text, "%ld %s out of tolerance (±%.3f mm); the largest deviates by %+.3f mm.",
-                  static_cast<long>(certain), certain == 1 ? "region is" : "regions are",
-                  options.tolerance_mm, result.defects.front().peak_mm);
-  } else if (options.align && !result.alignment.converged) {
-    result.verdict = Verdict::kUndecided;
-    std::snprintf(text, sizeof text, "The alignment to the CAD model is not to be relied on: %s.",
-                  result.alignment.status.c_str());
-  } else if (result.coverage < options.min_coverage) {
-    result.verdict = Verdict::kUndecided;
-    std::snprintf(text, sizeof text,
-                  "Only %.0f %% of the CAD surface was seen; at least %.0f %% is asked for.",
-                  100 * result.coverage, 100 * options.min_coverage);
-  } else if (!result.defects.empty()) {
-    result.verdict = Verdict::kUndecided;
-    std::snprintf(text, sizeof text,
-                  "%zu region(s) exceed the tolerance (±%.3f mm) by less than the uncertainty.",
-                  result.defects.size(), options.tolerance_mm);
-  } else {
-    result.verdict = Verdict::kPass;
-    std::snprintf(text, sizeof text,
-                  "All of the inspected surface (%.0f %% of the CAD surface) is within ±%.3f mm.",
-                  100 * result.coverage, options.tolerance_mm);
-  }
-  result.reason = text;
-}
-
 }  // namespace
-
-std::string_view to_string(Verdict verdict) {
-  switch (verdict) {
-    case Verdict::kPass:
-      return "PASS";
-    case Verdict::kFail:
-      return "FAIL";
-    case Verdict::kUndecided:
-      return "UNDECIDED";
-  }
-  return "UNDECIDED";
-}
 
 InspectionResult inspect(const PointCloud& cloud, const SignedDistance& reference,
                          const InspectionOptions& options) {
@@ -217,7 +170,7 @@ InspectionResult inspect(const PointCloud& cloud, const SignedDistance& referenc
   internal::measure_surface(result, reference.mesh(), cad, feet, coverage);
   internal::find_unjudged(result, cad, coverage, fixture, options);
   internal::find_defects(result, surface, reference, cad, feet, coverage, options, cloud.sources.get());
-  decide(result, options);
+  internal::decide(result, options);
   return result;
 }
 

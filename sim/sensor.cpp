@@ -29,8 +29,8 @@ struct PixelRandom {
   }
 };
 
-/// SensorModel::distortion_mm as a function of the direction and the distance: a few waves over the volume, of
-/// random direction, length and phase.
+/// SensorModel::distortion_mm as a function of the direction and the distance: a few waves over the volume,
+/// of random direction, length and phase.
 class Distortion {
  public:
   explicit Distortion(const SensorModel& model)
@@ -41,7 +41,7 @@ class Distortion {
         depth_(model.far_mm - model.near_mm) {
     PixelRandom random{mix(model.distortion_seed ^ 0xD157027104ull)};
     for (Wave& wave : waves_) {
-      for (double& k : wave.number) k = std::numbers::pi * (2 * random.uniform() - 1);
+      for (double& k : wave.number) k = kMostPeriods * std::numbers::pi * (2 * random.uniform() - 1);
       wave.phase = 2 * std::numbers::pi * random.uniform();
     }
   }
@@ -58,6 +58,7 @@ class Distortion {
 
  private:
   static constexpr int kWaves = 8;
+  static constexpr double kMostPeriods = 6;  ///< Over the volume's width.
   struct Wave {
     double number[3];
     double phase;
@@ -139,8 +140,8 @@ Scan trace_scan(const SensorModel& model, const RayScene& scene, const Pose& beg
         dropout += (1 - dropout) * (grazing_cosine - pixel.cosine) / (grazing_cosine - min_cosine);
       if (random.uniform() < dropout) continue;
       const double distance_ratio = pixel.range / 500.0;
-      double range =
-          pixel.range + distortion(ray(column, row), pixel.range) + model.noise_mm * distance_ratio * distance_ratio / pixel.cosine * random.gaussian();
+      double range = pixel.range + distortion(ray(column, row), pixel.range) +
+                     model.noise_mm * distance_ratio * distance_ratio / pixel.cosine * random.gaussian();
       if (random.uniform() < model.mixed_pixel_probability) {
         static constexpr int kSteps[4][2] = {{1, 0}, {-1, 0}, {0, 1}, {0, -1}};
         for (const auto& step : kSteps) {

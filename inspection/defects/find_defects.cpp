@@ -140,66 +140,109 @@ class Residue {
   std::optional<ResidueFinder> finder_;
 };
 
+using Found = std::vector<std::pair<Defect, std::vector<size_t>>>;
+
+/// The figures of a region; what it is, is told by classify().
+Defect describe(const DefectScene& scene, const std::vector<size_t>& members) {
+  const InspectionResult& result = scene.result;
+  const PointCloud& cloud = result.cloud;
+  Defect defect;
+  const RegionExtent extent = measure_region(scene, members);
+  defect.points = members.size();
+  defect.area_mm2 = extent.area_mm2;
+  defect.extra_mm3 = extent.extra_mm3;
+  defect.missing_mm3 = extent.missing_mm3;
+  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+  Eigen::AlignedBox3d box;
+  std::array<Eigen::Vector3d, 6> facing;
+  facing.fill(Eigen::Vector3d::Zero());
+  double magnitudes = 0, deviations = 0, uncertainties = 0;
+  for (size_t i : members) {
+    const Eigen::Vector3d p = cloud.points[i].cast<double>();
+    sum += p;
+    box.extend(p);
+    magnitudes += std::abs(result.deviation_mm[i]);
+    deviations += result.deviation_mm[i];
+    uncertainties += result.uncertainty_mm[i];
+    if (cloud.has_normals()) facing[main_direction(cloud, i)] += cloud.normals[i].cast<double>();
+  }
+  const double count = static_cast<double>(members.size());
+  defect.centre_mm = sum / count;
+  defect.extent_mm = box.sizes();
+  defect.mean_mm = magnitudes / count;
+  defect.signed_mean_mm = deviations / count;
+  defect.mean_uncertainty_mm = kCoverageFactor95 * uncertainties / count;
+  const Peak peak = find_peak(result, scene.surface, scene.reference, scene.options, members);
+  const double sigma = result.uncertainty_mm[peak.point];
+  defect.peak_mm = peak.deviation;
+  defect.peak_at_mm = cloud.points[peak.point].cast<double>();
+  defect.uncertainty_mm = kCoverageFactor95 * sigma;
+  defect.normal = facing[main_direction(cloud, peak.point)].stableNormalized();
+  defect.certain = std::abs(defect.peak_mm) > scene.options.tolerance_mm + scene.options.guard_band * sigma;
+  return defect;
+}
+
+/// By falling |peak|, numbered from 1.
+void sort_and_number(Found& found) {
+  std::stable_sort(found.begin(), found.end(), [](const auto& a, const auto& b) {
+    return std::abs(a.first.peak_mm) > std::abs(b.first.peak_mm);
+  });
+  for (size_t k = 0; k < found.size(); ++k) found[k].first.id = static_cast<int>(k) + 1;
+}
+
+Found find_out_of_tolerance(const DefectScene& scene) {
+  Found found;
+  std::vector<std::vector<size_t>> regions =
+      regions_beyond(scene, [&](size_t) { return scene.options.tolerance_mm; });
+  std::optional<Residue> residue;
+  if (!regions.empty()) residue.emplace(scene);
+  for (auto& members : regions) {
+    Defect defect = describe(scene, members);
+    if (defect.area_mm2 < scene.options.min_defect_area_mm2) continue;
+    classify(defect, scene, members);
+    residue->judge(defect, members);
+    found.emplace_back(std::move(defect), std::move(members));
+  }
+  sort_and_number(found);
+  return found;
+}
+
+/// Regions beside the tolerance, without those that surround a defect. Points on the rim of the measured
+/// surface are extrapolations of those beside them, and doubt nothing by themselves.
+Found find_doubtful(const DefectScene& scene, const std::vector<int>& defect_id) {
+  const double tolerance = scene.options.tolerance_mm, guard_band = scene.options.guard_band;
+  const auto limit_mm = [&](size_t i) {
+    return scene.surface.rim[i] ? std::numeric_limits<double>::infinity()
+                                : tolerance - guard_band * scene.result.uncertainty_mm[i];
+  };
+  Found found;
+  for (auto& members : regions_beyond(scene, limit_mm)) {
+    if (std::any_of(members.begin(), members.end(), [&](size_t i) { return defect_id[i] > 0; })) continue;
+    Defect region = describe(scene, members);
+    const double band = guard_band * region.uncertainty_mm / kCoverageFactor95;
+    if (std::abs(region.peak_mm) + band <= tolerance || region.area_mm2 < scene.options.min_defect_area_mm2)
+      continue;
+    region.certain = false;
+    classify(region, scene, members);
+    found.emplace_back(std::move(region), std::move(members));
+  }
+  sort_and_number(found);
+  return found;
+}
+
 }  // namespace
 
 void find_defects(InspectionResult& result, const LocalSurface& surface, const SignedDistance& reference,
                   const CadFaces& cad, const JudgedFeet& feet, const CoverageSamples& samples,
                   const InspectionOptions& options, const CloudSources* sources) {
-  const PointCloud& cloud = result.cloud;
   const DefectScene scene{result, surface, reference, cad, feet, samples, options, sources};
-  std::vector<std::pair<Defect, std::vector<size_t>>> found;
-  std::vector<std::vector<size_t>> regions = regions_out_of_tolerance(scene);
-  std::optional<Residue> residue;
-  if (!regions.empty()) residue.emplace(scene);
-  for (auto& members : regions) {
-    Defect defect;
-    const RegionExtent extent = measure_region(scene, members);
-    defect.points = members.size();
-    defect.area_mm2 = extent.area_mm2;
-    defect.extra_mm3 = extent.extra_mm3;
-    defect.missing_mm3 = extent.missing_mm3;
-    if (defect.area_mm2 < options.min_defect_area_mm2) continue;
-    Eigen::Vector3d sum = Eigen::Vector3d::Zero();
-    Eigen::AlignedBox3d box;
-    std::array<Eigen::Vector3d, 6> facing;
-    facing.fill(Eigen::Vector3d::Zero());
-    double magnitudes = 0, deviations = 0, uncertainties = 0;
-    for (size_t i : members) {
-      const Eigen::Vector3d p = cloud.points[i].cast<double>();
-      sum += p;
-      box.extend(p);
-      magnitudes += std::abs(result.deviation_mm[i]);
-      deviations += result.deviation_mm[i];
-      uncertainties += result.uncertainty_mm[i];
-      if (cloud.has_normals()) {
-        facing[main_direction(cloud, i)] += cloud.normals[i].cast<double>();
-      }
-    }
-    const double count = static_cast<double>(members.size());
-    defect.centre_mm = sum / count;
-    defect.extent_mm = box.sizes();
-    defect.mean_mm = magnitudes / count;
-    defect.signed_mean_mm = deviations / count;
-    defect.mean_uncertainty_mm = kCoverageFactor95 * uncertainties / count;
-    const Peak peak = find_peak(result, surface, reference, options, members);
-    defect.peak_mm = peak.deviation;
-    defect.peak_at_mm = cloud.points[peak.point].cast<double>();
-    defect.uncertainty_mm = kCoverageFactor95 * result.uncertainty_mm[peak.point];
-    defect.normal = facing[main_direction(cloud, peak.point)].stableNormalized();
-    defect.certain = std::abs(defect.peak_mm) > options.tolerance_mm + defect.uncertainty_mm;
-    classify(defect, scene, members);
-    residue->judge(defect, members);
-    found.emplace_back(defect, std::move(members));
-  }
-  std::stable_sort(found.begin(), found.end(), [](const auto& a, const auto& b) {
-    return std::abs(a.first.peak_mm) > std::abs(b.first.peak_mm);
-  });
-  result.defect_id.assign(cloud.size(), 0);
-  for (auto& [defect, members] : found) {
-    defect.id = static_cast<int>(result.defects.size()) + 1;
+  const Found out = find_out_of_tolerance(scene);
+  result.defect_id.assign(result.cloud.size(), 0);
+  for (const auto& [defect, members] : out)
     for (size_t i : members) result.defect_id[i] = defect.id;
-    result.defects.push_back(defect);
-  }
+  for (const auto& [region, members] : find_doubtful(scene, result.defect_id))
+    result.doubtful.push_back(region);
+  for (const auto& [defect, members] : out) result.defects.push_back(defect);
 }
 
 }  // namespace gantry::internal

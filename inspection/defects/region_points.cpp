@@ -78,11 +78,12 @@ std::vector<std::vector<size_t>> linked_groups(const std::vector<Eigen::Vector3f
   return result;
 }
 
-std::vector<std::vector<size_t>> regions_out_of_tolerance(const DefectScene& scene) {
+std::vector<std::vector<size_t>> regions_beyond(const DefectScene& scene,
+                                                const std::function<double(size_t)>& limit_mm) {
   std::vector<size_t> out;
   std::vector<Eigen::Vector3f> feet, places;
   for (size_t i = 0; i < scene.result.deviation_mm.size(); ++i)
-    if (std::abs(scene.result.deviation_mm[i]) > scene.options.tolerance_mm) {  // NaN compares false
+    if (std::abs(scene.result.deviation_mm[i]) > limit_mm(i)) {  // NaN compares false
       out.push_back(i);
       feet.push_back(scene.feet.point[i]);
       places.push_back(scene.result.cloud.points[i]);

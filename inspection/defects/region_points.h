@@ -1,5 +1,6 @@
 #pragma once
 
+#include <functional>
 #include <vector>
 
 #include "gantry/inspection/cad_faces.h"
@@ -28,11 +29,12 @@ struct DefectScene {
   size_t face(size_t i) const { return static_cast<size_t>(cad.face_of_triangle[feet.triangle[i]]); }
 };
 
-/// Points out of tolerance, in connected regions: those whose feet on the CAD surface are within the linking
-/// distance belong together, as do those that are so themselves (the ground that is left of a missing boss
-/// stands on its top and on its wall). So are the two faces of a thinner wall, and a dent that shows on both
-/// sides of a sheet is one region.
-std::vector<std::vector<size_t>> regions_out_of_tolerance(const DefectScene& scene);
+/// Judged points whose |deviation| exceeds limit_mm(i), in connected regions: those whose feet on the CAD
+/// surface are within the linking distance belong together, as do those that are so themselves (the ground
+/// that is left of a missing boss stands on its top and on its wall). So are the two faces of a thinner wall,
+/// and a dent that shows on both sides of a sheet is one region.
+std::vector<std::vector<size_t>> regions_beyond(const DefectScene& scene,
+                                                const std::function<double(size_t)>& limit_mm);
 
 /// Joins points closer than `link_mm` (to a third of it) into groups of indices into `points`, each rising.
 std::vector<std::vector<size_t>> linked_groups(const std::vector<Eigen::Vector3f>& points, double link_mm);

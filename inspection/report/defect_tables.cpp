@@ -1,6 +1,7 @@
 #include "report/defect_tables.h"
 
 #include <algorithm>
+#include <cmath>
 
 #include "report/page_parts.h"
 #include "report/text.h"
@@ -29,13 +30,17 @@ std::string named_cell(const std::string& name, const std::string& words) {
          (words.empty() ? "" : "<br><small>" + escaped(words) + "</small>") + "</td>";
 }
 
-std::string certainty_chip(const Defect& d) {
+std::string certainty_chip(const Defect& d, double tolerance_mm) {
   if (d.kind == DefectClass::kRegistrationResidue) return "<span class=\"chip no\">measure again</span>";
-  return d.certain ? "<span class=\"chip yes\">certain</span>" : "<span class=\"chip no\">within U</span>";
+  if (d.certain) return "<span class=\"chip yes\">certain</span>";
+  return std::abs(d.peak_mm) > tolerance_mm ? "<span class=\"chip no\">within guard band</span>"
+                                            : "<span class=\"chip no\">in doubt</span>";
 }
 
-std::string defect_row(const Defect& d) {
-  return "<tr id=\"defect-" + std::to_string(d.id) + "\"><td class=\"n no\">" + std::to_string(d.id) +
+std::string defect_row(const Defect& d, double tolerance_mm) {
+  const bool out = std::abs(d.peak_mm) > tolerance_mm;  // those in doubt have no number
+  return (out ? "<tr id=\"defect-" + std::to_string(d.id) + "\"><td class=\"n no\">" + std::to_string(d.id)
+              : std::string("<tr><td class=\"n no\">")) +
          "</td>" + named_cell(std::string(to_string(d.kind)), d.words) +
          cell("<b>" + with_sign(d.peak_mm, 3) + "</b> \u00b1 " + fixed(d.uncertainty_mm, 3)) +
          cell(with_sign(d.signed_mean_mm, 3) + " \u00b1 " + fixed(d.mean_uncertainty_mm, 3)) +
@@ -43,7 +48,7 @@ std::string defect_row(const Defect& d) {
          cell("+" + area_text(d.extra_mm3) + "<br>\u2212" + area_text(d.missing_mm3)) +
          named_cell(d.face, d.face_words) +
          cell(vector_text(d.centre_mm) + "<br>" + vector_text(d.extent_mm)) + cell(grouped(d.points)) +
-         "<td>" + certainty_chip(d) + "</td></tr>\n";
+         "<td>" + certainty_chip(d, tolerance_mm) + "</td></tr>\n";
 }
 
 }  // namespace
@@ -51,20 +56,26 @@ std::string defect_row(const Defect& d) {
 std::string defect_table(const PageContent& c) {
   const auto& defects = c.result.defects;
   std::string html = "<section><h2>Defects</h2>";
-  if (defects.empty())
+  const auto& doubtful = c.result.doubtful;
+  if (defects.empty() && doubtful.empty())
     return html + "<div class=\"none card\">" +
-           (c.result.statistics.count > 0 ? "No region of the judged surface is out of tolerance."
-                                          : "No point was judged, so no defect could be found.") +
+           (c.result.statistics.count > 0
+                ? "No region of the judged surface is out of tolerance, nor in doubt."
+                : "No point was judged, so no defect could be found.") +
            "</div></section>\n";
   html +=
-      "<p class=\"lead\">Connected regions out of tolerance, largest deviation first. Positions in the frame "
-      "of the CAD model.</p>\n<div class=\"defects card\"><table><thead><tr><th "
+      "<p class=\"lead\">Connected regions out of tolerance, largest deviation first; then those in "
+      "tolerance "
+      "by less than the guard band. Positions in the frame of the CAD model.</p>\n<div class=\"defects "
+      "card\"><table><thead><tr><th "
       "class=\"n\">No.</th><th>Class</th>"
       "<th class=\"n\">Peak \u00b1 U<br>mm</th><th class=\"n\">Mean \u00b1 U<br>mm</th>"
       "<th class=\"n\">Area<br>mm\u00b2</th><th class=\"n\">Volume<br>mm\u00b3</th><th>CAD face</th>"
       "<th class=\"n\">Centre x&ensp;y&ensp;z<br>Extent x&ensp;y&ensp;z, mm</th>"
       "<th class=\"n\">Points</th><th>Certainty</th></tr></thead><tbody>\n";
-  for (size_t i = 0; i < std::min(defects.size(), kMostDefectRows); ++i) html += defect_row(defects[i]);
+  for (const auto* regions : {&defects, &doubtful})
+    for (size_t i = 0; i < std::min(regions->size(), kMostDefectRows); ++i)
+      html += defect_row((*regions)[i], c.options.tolerance_mm);
   html += "</tbody></table></div>\n";
   if (defects.size() > kMostDefectRows)
     html += "<p class=\"lead\">" + std::to_string(defects.size() - kMostDefectRows) +

@@ -114,12 +114,15 @@ std::string notes(const PageContent& c) {
       mm(o.averaging_radius_mm, 2) +
       " (at least twice the spacing of the points): a plane, or a quadratic where they are curved. Points on "
       "sharp edges, where no smooth surface fits, are not judged.</p>";
-  html += "<p><b>Tolerance and verdict.</b> Deviations within \u00b1" + mm(o.tolerance_mm) +
-          " are good. A connected region beyond it of at least " + fixed(o.min_defect_area_mm2, 1) +
-          "\u202fmm\u00b2 is a defect. It is certain when its peak exceeds the tolerance by more than its "
-          "expanded "
-          "uncertainty U (95\u202f%). Where that cannot be told, or when less than " +
-          percent(o.min_coverage) + " of the surface was seen, the verdict is UNDECIDED.</p>";
+  html +=
+      "<p><b>Tolerance and verdict.</b> Deviations within \u00b1" + mm(o.tolerance_mm) +
+      " are good. A connected region beyond it of at least " + fixed(o.min_defect_area_mm2, 1) +
+      "\u202fmm\u00b2 is a defect. It is certain when its peak exceeds the tolerance by more than the guard "
+      "band, " +
+      fixed(o.guard_band, 2) +
+      " standard uncertainties (ISO 14253-1); a region that comes as near from "
+      "within is in doubt. Where that cannot be told, or when less than " +
+      percent(o.min_coverage) + " of the surface was seen, the verdict is UNDECIDED.</p>";
   html +=
       "<p><b>What is not judged.</b> " + grouped(count_of(c.result, PointClass::kFixture)) +
       " points belong to the fixture or lie too close to it to tell; " +

@@ -170,6 +170,7 @@ std::string report_json(const InspectionResult& result, const InspectionOptions&
   json["created"] = traceability.created;
   json["simulated"] = traceability.simulated;
   json["tolerance_mm"] = options.tolerance_mm;
+  json["guard_band_sigmas"] = options.guard_band;
   const DeviationStatistics& s = result.statistics;
   json["statistics"] = {{"count", s.count},    {"mean_mm", s.mean},
                         {"sigma_mm", s.sigma}, {"rms_mm", s.rms},
@@ -189,16 +190,18 @@ std::string report_json(const InspectionResult& result, const InspectionOptions&
   json["point_classes"] = {{"judged", count(PointClass::kJudged)},
                            {"fixture", count(PointClass::kFixture)},
                            {"far", count(PointClass::kFar)}};
-  const UncertaintyBudget& u = result.budget;
-  json["uncertainty"] = {{"typical_mm", kCoverageFactor95 * u.combined()},
+  const UncertaintyBudget& budget = result.budget;
+  json["uncertainty"] = {{"typical_mm", kCoverageFactor95 * budget.combined()},
                          {"coverage", 0.95},
-                         {"noise_sigma_mm", u.noise},
-                         {"scan_poses_sigma_mm", result.poses_known ? Json(u.scan_poses) : Json(nullptr)},
-                         {"alignment_sigma_mm", u.alignment},
-                         {"sensor_sigma_mm", u.sensor}};
+                         {"noise_sigma_mm", budget.noise},
+                         {"scan_poses_sigma_mm", result.poses_known ? Json(budget.scan_poses) : Json(nullptr)},
+                         {"alignment_sigma_mm", budget.alignment},
+                         {"sensor_sigma_mm", budget.sensor}};
   json["alignment"] = alignment_json(result.alignment);
   json["defects"] = Json::array();
   for (const Defect& d : result.defects) json["defects"].push_back(defect_json(d));
+  json["doubtful"] = Json::array();
+  for (const Defect& d : result.doubtful) json["doubtful"].push_back(defect_json(d));
   json["unseen_mm2"] = result.unseen_mm2;
   json["unseen"] = Json::array();
   for (const UnjudgedRegion& u : result.unseen) json["unseen"].push_back(unjudged_json(u));

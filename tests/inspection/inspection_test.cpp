@@ -326,13 +326,33 @@ TEST(Inspection, TooLittleCoverageIsUndecided) {
 
 TEST(Inspection, WhatTheUncertaintyCannotTellIsUndecided) {
   InspectionOptions options = as_it_stands();
-  options.systematic_sigma_mm = 0.05;  // U is at least 0.1 mm
-  const auto verdict = [&](float height) {
-    return inspect(with_top(sheet_points(0.02f), bump(8, -5, height)), sheet(), options).verdict;
+  options.systematic_sigma_mm = 0.05;  // the guard band is a little more than 0.082 mm
+  const auto result = [&](float height) {
+    return inspect(with_top(sheet_points(0.02f), bump(8, -5, height)), sheet(), options);
   };
-  EXPECT_EQ(verdict(0.15f), Verdict::kPass);
-  EXPECT_EQ(verdict(0.26f), Verdict::kUndecided);
-  EXPECT_EQ(verdict(0.4f), Verdict::kFail);
+  EXPECT_EQ(result(0.09f).verdict, Verdict::kPass);
+  const InspectionResult near = result(0.16f);  // in tolerance, but who knows
+  EXPECT_EQ(near.verdict, Verdict::kUndecided);
+  EXPECT_NE(near.reason.find("within the tolerance"), std::string::npos) << near.reason;
+  EXPECT_TRUE(near.defects.empty());
+  ASSERT_EQ(near.doubtful.size(), 1u);
+  EXPECT_EQ(near.doubtful[0].id, 1);
+  EXPECT_FALSE(near.doubtful[0].certain);
+  EXPECT_NEAR(near.doubtful[0].peak_mm, 0.16, 0.03);
+  EXPECT_LT((near.doubtful[0].centre_mm.head<2>() - Eigen::Vector2d(8, -5)).norm(), 1);
+  EXPECT_EQ(std::count(near.defect_id.begin(), near.defect_id.end(), 0),
+            static_cast<std::ptrdiff_t>(near.defect_id.size()));
+  const InspectionResult out = result(0.25f);
+  EXPECT_EQ(out.verdict, Verdict::kUndecided);
+  EXPECT_NE(out.reason.find("less than the guard band"), std::string::npos) << out.reason;
+  ASSERT_EQ(out.defects.size(), 1u);
+  EXPECT_FALSE(out.defects[0].certain);
+  EXPECT_TRUE(out.doubtful.empty()) << "what surrounds a defect is no region of its own";
+  EXPECT_EQ(result(0.35f).verdict, Verdict::kFail);
+  // Without a guard band the measured value decides.
+  options.guard_band = 0;
+  EXPECT_EQ(result(0.16f).verdict, Verdict::kPass);
+  EXPECT_EQ(result(0.25f).verdict, Verdict::kFail);
 }
 
 TEST(Inspection, AnAlignmentThatFailsIsUndecided) {

@@ -16,12 +16,19 @@
 
 namespace gantry {
 
+/// By the rule of ISO 14253-1, with a guard band g on both sides of the tolerance T (docs/uncertainty.md):
+///  - kFail: the peak of a region exceeds T + g;
+///  - kPass: no region, of the least area that counts, comes nearer to T than g from within;
+///  - kUndecided: neither of these; or what would be judged is not to be relied on.
 enum class Verdict { kPass, kFail, kUndecided };
 std::string_view to_string(Verdict verdict);  ///< "PASS", "FAIL", "UNDECIDED"
 
 struct InspectionOptions {
   double tolerance_mm = 0;  ///< Deviations within +- this are good. Must be set, positive.
-  bool align = true;        ///< Best fit to the CAD model first; otherwise the cloud is taken as it stands.
+  /// Guard band on both sides of the tolerance, in standard uncertainties of each deviation: what lies beyond
+  /// it is wrong with a probability of 5 % at most (ISO 14253-1). 0: the measured value decides.
+  double guard_band = 1.645;
+  bool align = true;  ///< Best fit to the CAD model first; otherwise the cloud is taken as it stands.
   AlignmentOptions alignment;
   std::optional<DatumSet> datums;  ///< After the best fit, lay the cloud onto the model by these alone.
   /// Motions that lay the CAD model onto itself to within this are looked for: the poses of the cloud that
@@ -72,7 +79,8 @@ struct Defect {
   Eigen::Vector3d peak_at_mm;  ///< Where the peak is.
   Eigen::Vector3d normal;      ///< Mean outward normal of the face on which the peak lies.
   size_t points = 0;
-  bool certain = false;  ///< |peak| exceeds the tolerance by more than U; never of a registration residue.
+  /// |peak| exceeds the tolerance by more than the guard band; never of a registration residue.
+  bool certain = false;
   DefectClass kind = DefectClass::kPartDefect;
   std::string words;             ///< What it looks like: "dent or bulge through the wall" ...
   std::string face, face_words;  ///< The CAD face that it lies on, or that is missing: see CadFace.
@@ -122,6 +130,9 @@ struct InspectionResult {
   DeviationStatistics statistics;
   double coverage = 0;  ///< Fraction of the CAD surface that was seen.
   std::vector<Defect> defects;
+  /// Regions in tolerance as measured, but not for certain: their peaks lie within it by less than the guard
+  /// band. In order of falling |peak|, their ids from 1; they are not marked in `defect_id`.
+  std::vector<Defect> doubtful;
   /// Connected pieces of CAD surface that no judged point covers, of at least `min_unseen_area_mm2`, the
   /// largest first; with the smaller ones they add up to `unseen_mm2`.
   std::vector<UnjudgedRegion> unseen;
