@@ -199,33 +199,23 @@ TEST(Merge, SharesAreTheWeightsOfTheScans) {
 }
 
 TEST(Merge, DuplicatesBringTheirScansAlong) {
-  // A surface along a border of cells: noise puts each scan's points on one side or the other.
-  std::mt19937 random(5);
-  std::normal_distribution<double> noise(0, 0.05);
-  std::vector<RangeSurface> scans;
-  for (int k = 0; k < 4; ++k)
-    scans.push_back(sheet(40, 40, 0.05, [&](double, double) { return noise(random); }));
+  // The border of two cells runs between one scan and three others: all points are pairs of cells.
+  std::vector<RangeSurface> scans = {square(0.1, 0.05)};
+  scans.resize(4, square(-0.1, 0.05));
   MergeOptions options;
   options.voxel_mm = 1;
-  options.correlated_share = 0;
   MergeReport report;
   const PointCloud cloud = merge(scans, std::vector<Pose>(4, kHere), options, &report);
-  EXPECT_GT(report.duplicates, 300u);
+  EXPECT_EQ(report.duplicates, 400u);
+  ASSERT_EQ(cloud.size(), 400u);
   for (size_t i = 0; i < cloud.size(); ++i) {
-    double sum = 0;
     const auto shares = cloud.sources->of(i);
-    for (size_t s = 0; s < shares.size(); ++s) {
-      if (s > 0) {
-        ASSERT_LT(shares[s - 1].scan, shares[s].scan);
-      }
-      sum += shares[s].fraction();
+    ASSERT_EQ(shares.size(), 4u);
+    for (uint16_t k = 0; k < 4; ++k) {
+      EXPECT_EQ(shares[k].scan, k);
+      EXPECT_NEAR(shares[k].fraction(), 0.25, 1e-4);
     }
-    ASSERT_NEAR(sum, 1, 1e-4);
   }
-  // 16 measurements to nearly every point, four of each scan.
-  std::map<size_t, size_t> by_scans;
-  for (size_t i = 0; i < cloud.size(); ++i) ++by_scans[cloud.sources->of(i).size()];
-  EXPECT_GT(by_scans[4], cloud.size() * 9 / 10);
 }
 
 TEST(Merge, PosesCarryPointsAndNormals) {

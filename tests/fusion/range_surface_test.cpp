@@ -257,6 +257,20 @@ TEST(RangeSurface, NoiseIsToldWithinATenth) {
   }
 }
 
+TEST(RangeSurface, NoiseAlongTheNormalIsToldHoweverTheSurfaceSlants) {
+  SensorModel model = small_sensor(960);
+  model.noise_mm = 0.05;  // along the normal, at 500 mm; along the ray 1 / cos as much
+  for (const double slant : {0.0, 0.5, 0.9}) {
+    const RayScene scene(transformed(
+        box_mesh({-80, -60, 0}, {80, 60, 20}),
+        Pose(Eigen::Translation3d(0, 0, 500) * Eigen::AngleAxisd(slant, Eigen::Vector3d::UnitY()))));
+    const RangeSurface surface = make_range_surface(scan_of(scene, model, Pose::Identity(), 1), {});
+    EXPECT_NEAR(surface.sigma_mm({0, 0, 500}), 0.05, 0.005) << slant;
+    EXPECT_NEAR(surface.sigma_mm({0, 0, 600}), 0.05 * 1.44, 0.008) << slant;
+    EXPECT_NEAR(surface.noise_mm, 0.05 / std::cos(slant), 0.1 * 0.05 / std::cos(slant)) << slant;
+  }
+}
+
 TEST(RangeSurface, TooFewPointsAreRefused) {
   TaggedScan scan;
   scan.name = "lonely";

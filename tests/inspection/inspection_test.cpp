@@ -189,6 +189,38 @@ TEST(Inspection, StatisticsDescribeTheJudgedDeviations) {
               std::pow(result.statistics.sigma, 2) + std::pow(result.statistics.mean, 2), 1e-6);
 }
 
+TEST(Inspection, TheSensorsOwnErrorsAverageOverTheScansThatSawAPoint) {
+  InspectionOptions options = as_it_stands();
+  options.systematic_sigma_mm = 0.03;
+  PointCloud cloud = sheet_points(0.01f);
+  EXPECT_NEAR(inspect(cloud, sheet(), options).budget.sensor, 0.03, 1e-6);
+  auto sources = std::make_shared<CloudSources>();
+  sources->scans = {"a", "b", "c"};
+  sources->first.push_back(0);
+  for (size_t i = 0; i < cloud.size(); ++i) {
+    for (uint16_t k = 0; k < 3; ++k) sources->shares.push_back({k, CloudSources::Share::kWhole / 3});
+    sources->first.push_back(static_cast<uint32_t>(sources->shares.size()));
+  }
+  cloud.sources = sources;
+  const InspectionResult result = inspect(cloud, sheet(), options);
+  EXPECT_NEAR(result.budget.sensor, 0.03 / std::sqrt(3.0), 1e-6);
+  EXPECT_FALSE(result.poses_known);
+  EXPECT_EQ(result.budget.scan_poses, 0);
+  auto placed = std::make_shared<CloudSources>(*sources);
+  placed->pose_covariance = Eigen::MatrixXd::Zero(18, 18);
+  for (int i = 0; i < 3; ++i)
+    placed->pose_covariance.block<3, 3>(6 * i + 3, 6 * i + 3).diagonal().setConstant(9e-4);
+  cloud.sources = placed;
+  const InspectionResult known = inspect(cloud, sheet(), options);
+  EXPECT_TRUE(known.poses_known);
+  EXPECT_NEAR(known.budget.scan_poses, 0.03 / std::sqrt(3.0), 1e-6);
+  for (size_t i = 0; i < cloud.size(); i += 37) {
+    if (known.point_class[i] != PointClass::kJudged) continue;
+    const double noise = std::pow(result.uncertainty_mm[i], 2) - 3e-4;
+    EXPECT_NEAR(std::pow(known.uncertainty_mm[i], 2), noise + 6e-4, 1e-6);
+  }
+}
+
 TEST(Inspection, AlignmentIsReportedAndApplied) {
   PointCloud cloud = sheet_points(0.02f);
   for (auto& p : cloud.points) p += Eigen::Vector3f(0.7f, -0.4f, 0.5f);

@@ -14,8 +14,9 @@ namespace {
 constexpr float kSpacingMm = 0.4f;
 
 /// A height over a square of 30 mm about the origin, on a grid, with noise along z and upright normals.
-PointCloud height_field(float noise_mm, const std::function<float(float x, float y)>& height) {
-  std::mt19937 random(1);
+PointCloud height_field(float noise_mm, const std::function<float(float x, float y)>& height,
+                        unsigned seed = 1) {
+  std::mt19937 random(seed);
   std::normal_distribution<float> noise(0, noise_mm);
   PointCloud cloud;
   for (int i = -37; i <= 37; ++i)
@@ -51,6 +52,20 @@ TEST(LocalSurface, NoiseOfAPlaneIsAveragedAwayAndStated) {
   EXPECT_LT(std::sqrt(squares / count), 0.05 / 4);
   EXPECT_GT(std::sqrt(squares / count), 0.05 / 8);
   EXPECT_NEAR(std::sqrt(stated / squares), 1, 0.2);
+}
+
+TEST(LocalSurface, UncertaintyIsHonestForFewNeighbours) {
+  double squares = 0, count = 0;
+  for (const unsigned seed : {1u, 2u, 3u}) {
+    const PointCloud cloud = height_field(0.05f, flat, seed);
+    const LocalSurface surface = fit_local_surface(cloud, 0.01, 0);  // of two spacings: 13 points
+    for (size_t i = 0; i < cloud.size(); ++i) {
+      if (!is_inner(cloud.points[i]) || !surface.supported[i]) continue;
+      squares += std::pow(surface.points[i].z() / surface.sigma_mm[i], 2);
+      ++count;
+    }
+  }
+  EXPECT_NEAR(std::sqrt(squares / count), 1, 0.03);
 }
 
 TEST(LocalSurface, AveragingReachesAtLeastTwoSpacings) {

@@ -169,6 +169,20 @@ TEST_F(ChainTest, IndependentCovarianceIsThatOfJointNoise) {
   }
 }
 
+TEST_F(ChainTest, SystematicErrorsOfTheSensorAddToWhatEveryViewHasOfItsOwn) {
+  Chain c = chain(3);
+  for (auto& j : c.joints) j.repeatability = 1e-3;
+  const std::vector<double> q = values(c);
+  const UncertainPose before = c.uncertain_part_from_sensor(q);
+  c.sensor_systematic_sigma_mm = 0.02;
+  const UncertainPose after = c.uncertain_part_from_sensor(q);
+  EXPECT_EQ(after.shared(), before.shared());
+  const Matrix6d added = after.independent - before.independent;
+  Matrix6d expected = Matrix6d::Zero();
+  expected.diagonal() << 4e-8, 4e-8, 4e-8, 4e-4, 4e-4, 4e-4;  // over 100 mm, and at the part's origin
+  EXPECT_TRUE(added.isApprox(expected, 1e-9)) << added;
+}
+
 TEST_F(ChainTest, SharedCovarianceIsThatOfAMiscalibratedCell) {
   for (size_t n = 1; n <= 5; ++n) {
     SCOPED_TRACE(n);
