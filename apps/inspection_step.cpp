@@ -64,13 +64,13 @@ void print_unjudged(const InspectionResult& result, const InspectionOptions& opt
     if (count > kMost) std::printf("          and %zu more: report.json\n", count - kMost);
   };
   if (!result.unseen.empty()) {
-    std::printf(
-        "\n  no data   %.0f mm2 of the CAD surface, of which in pieces of %.0f mm2 or more:\n"
-        "          area (mm2)  centre x, y, z (mm)            extent x, y, z (mm)            CAD face\n",
-        result.unseen_mm2, options.min_unseen_area_mm2);
+    std::printf("\n  no data   %.0f mm2 of the CAD surface, of which in pieces of %.0f mm2 or more:\n",
+                result.unseen_mm2, options.min_unseen_area_mm2);
+    std::printf("          area (mm2)  %-27s  %-27s  CAD face\n", "centre x, y, z (mm)",
+                "extent x, y, z (mm)");
     for (size_t i = 0; i < std::min(kMost, result.unseen.size()); ++i) {
       const UnjudgedRegion& u = result.unseen[i];
-      std::printf("          %10.1f  %-29s  %-29s  %s, %.0f %% of it%s\n", u.area_mm2,
+      std::printf("          %10.1f  %-27s  %-27s  %s, %.0f %% of it%s\n", u.area_mm2,
                   text_of(u.centre_mm).c_str(), text_of(u.extent_mm).c_str(), u.face.c_str(),
                   100 * u.face_share, u.behind_fixture ? ", at the fixture" : "");
     }
@@ -80,7 +80,7 @@ void print_unjudged(const InspectionResult& result, const InspectionOptions& opt
     std::printf("\n  fixture   not judged:\n");
     for (size_t i = 0; i < std::min(kMost, result.fixture_regions.size()); ++i) {
       const UnjudgedRegion& u = result.fixture_regions[i];
-      std::printf("          %10.1f  %-29s  %-29s  %zu points\n", u.area_mm2, text_of(u.centre_mm).c_str(),
+      std::printf("          %10.1f  %-27s  %-27s  %zu points\n", u.area_mm2, text_of(u.centre_mm).c_str(),
                   text_of(u.extent_mm).c_str(), u.points);
     }
     more(result.fixture_regions.size());

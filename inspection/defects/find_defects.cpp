@@ -118,8 +118,10 @@ class Residue {
       for (const CloudSources::Share& share : sources_->of(i))
         if (share.fraction() >= kOwnShare) scan_[i] = share.scan;
     });
-    finder_.emplace(ScanDeviations{scene.feet.point, normals_, deviation_, scan_},
-                    scene.options.tolerance_mm);
+    // Where scans contradict each other within the radius of smoothing nothing is judged: look across that.
+    const double beside = 3 * std::max(scene.options.averaging_radius_mm, 2 * scene.surface.spacing_mm);
+    finder_.emplace(ScanDeviations{scene.feet.point, normals_, deviation_, scan_}, scene.options.tolerance_mm,
+                    beside);
   }
 
   void judge(Defect& defect, const std::vector<size_t>& members) const {

@@ -12,8 +12,7 @@
 namespace gantry::internal {
 namespace {
 
-constexpr float kBesideMm = 1.0f;    ///< Points of other scans so close measured the same surface ...
-constexpr float kSameSide = 0.7f;    ///< ... if the CAD surface faces the same way (cosine).
+constexpr float kSameSide = 0.7f;    ///< Cosine between the CAD surface's normals.
 constexpr size_t kMostPairs = 3000;  ///< A scan's twist is fitted to, spread evenly over it.
 constexpr size_t kLeastPairs = 30;
 constexpr int kRounds = 10;
@@ -28,8 +27,8 @@ double median(std::vector<double> values) {
 
 }  // namespace
 
-ResidueFinder::ResidueFinder(const ScanDeviations& deviations, double tolerance_mm)
-    : all_(deviations), tolerance_mm_(tolerance_mm) {
+ResidueFinder::ResidueFinder(const ScanDeviations& deviations, double tolerance_mm, double beside_mm)
+    : all_(deviations), tolerance_mm_(tolerance_mm), beside_mm_(static_cast<float>(beside_mm)) {
   std::vector<std::vector<size_t>> of_scan;
   for (size_t i = 0; i < all_.point.size(); ++i) {
     if (all_.scan[i] == kManyScans || !std::isfinite(all_.deviation_mm[i])) continue;
@@ -50,7 +49,7 @@ ResidueFinder::~ResidueFinder() = default;
 
 double ResidueFinder::beside(size_t i) const {
   thread_local std::vector<PointIndex::Neighbour> near;
-  index_->within(all_.point[i], kBesideMm, near);
+  index_->within(all_.point[i], beside_mm_, near);
   std::sort(near.begin(), near.end(), [](const auto& a, const auto& b) { return a.index < b.index; });
   double sum = 0, count = 0;
   for (const auto& each : near) {

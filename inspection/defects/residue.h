@@ -26,7 +26,7 @@ struct ScanDeviations {
 /// Regions that a scan which lies a little wrong brings about, told from what the part is like. Where scans
 /// overlap, a deviation of the part shows in all of them alike, while a scan that was moved by a twist t
 /// departs from the others by (p x n, n) t. So for each scan a twist is fitted, robustly, to how far its
-/// points depart from the mean of the other scans' points within a millimetre on the same side, over its
+/// points depart from the mean of the other scans' points beside them on the same side, over its
 /// whole overlap.
 class ResidueFinder {
  public:
@@ -37,8 +37,8 @@ class ResidueFinder {
     Vector6d twist = Vector6d::Zero();
   };
 
-  /// What the spans show must outlive this.
-  ResidueFinder(const ScanDeviations& deviations, double tolerance_mm);
+  /// Points within `beside_mm` measured the same surface. What the spans show must outlive this.
+  ResidueFinder(const ScanDeviations& deviations, double tolerance_mm, double beside_mm);
   ~ResidueFinder();
 
   /// The scan whose motion explains the region, if one does:
@@ -57,6 +57,7 @@ class ResidueFinder {
 
   ScanDeviations all_;
   double tolerance_mm_;
+  float beside_mm_;
   Eigen::Vector3d centre_ = Eigen::Vector3d::Zero();
   std::vector<size_t> judged_;  ///< Of one scan each.
   std::vector<Eigen::Vector3f> points_;

@@ -55,7 +55,9 @@ class ResidueOfABlock : public testing::Test {
         deviation_[i] -= depth;
   }
 
-  ResidueFinder finder() const { return ResidueFinder({foot_, normal_, deviation_, scan_}, kToleranceMm); }
+  ResidueFinder finder() const {
+    return ResidueFinder({foot_, normal_, deviation_, scan_}, kToleranceMm, 1.0);
+  }
 
   PointCloud cloud_;
   std::vector<Eigen::Vector3f> foot_, normal_;
