@@ -82,7 +82,7 @@ void write_sources_elements(std::ostream& header, const CloudSources& sources) {
   header << "element scan_share " << sources.shares.size()
          << "\nproperty ushort scan\nproperty ushort parts\n";
   if (sources.pose_covariance.size() > 0)
-    header << "element pose_covariance " << sources.pose_covariance.size() << "\nproperty double value\n";
+    header << "element pose_covariance " << sources.pose_covariance.size() << "\nproperty double number\n";
 }
 
 void write_sources_body(std::ostream& body, const CloudSources& sources) {

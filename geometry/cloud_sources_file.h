@@ -17,7 +17,7 @@
 ///   property ushort scan                     which, from 0 in the order of the comments
 ///   property ushort parts                    of 65535
 ///   element pose_covariance 36 n n           row by row, in the file's unit
-///   property double value
+///   property double number
 
 namespace gantry::internal {
 

@@ -37,6 +37,17 @@ std::string written_scan() {
   return TemporaryFolder::read(folder / "scan.pcd");
 }
 
+/// A merged cloud of two points that says which of two scans they come from.
+std::string merged_ply() {
+  std::string file =
+      "ply\nformat ascii 1.0\ncomment gantry scan a\ncomment gantry scan b b\nelement vertex 2\n"
+      "property float x\nproperty float y\nproperty float z\nproperty ushort scans\n"
+      "element scan_share 3\nproperty ushort scan\nproperty ushort parts\nelement pose_covariance 144\n"
+      "property double number\nend_header\n1 2 3 2\n4 5 6 1\n0 30000\n1 35535\n1 65535\n";
+  for (int i = 0; i < 144; ++i) file += i % 13 == 0 ? "1e-6\n" : "0\n";
+  return file;
+}
+
 /// A value of the first two kinds of PLY that this program reads but does not write.
 const std::string kAsciiPly =
     "ply\nformat ascii 1.0\ncomment by hand\nelement vertex 4\nproperty double x\nproperty double y\n"
@@ -77,8 +88,8 @@ std::string compressed_pcd() {
 }  // namespace
 
 std::vector<std::string> seeds() {
-  return {kPcd + written_scan(),   kPly + written_cloud(), kPly + kAsciiPly,       kPly + kGridPly,
-          kPly + big_endian_ply(), kPcd + kAsciiPcd,       kPcd + compressed_pcd()};
+  return {kPcd + written_scan(),   kPly + written_cloud(), kPly + kAsciiPly,        kPly + kGridPly,
+          kPly + big_endian_ply(), kPcd + kAsciiPcd,       kPcd + compressed_pcd(), kPly + merged_ply()};
 }
 
 }  // namespace gantry::fuzz
@@ -98,6 +109,15 @@ int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
     const PointCloud cloud = read_point_cloud(path, 1000.0, &dropped);
     for (const Eigen::Vector3f& point : cloud.points)
       if (!point.allFinite()) throw std::logic_error("a point that is not finite");
+    if (!cloud.sources) return;
+    const CloudSources& sources = *cloud.sources;
+    if (sources.points() != cloud.size() || sources.first.back() != sources.shares.size())
+      throw std::logic_error("shares that do not fit the points");
+    for (const CloudSources::Share& share : sources.shares)
+      if (share.scan >= sources.scans.size()) throw std::logic_error("a share of no scan");
+    const auto size = sources.pose_covariance.size();
+    if (size != 0 && size != static_cast<Eigen::Index>(36 * sources.scans.size() * sources.scans.size()))
+      throw std::logic_error("a covariance that does not fit the scans");
   });
   return 0;
 }

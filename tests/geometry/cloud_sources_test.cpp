@@ -62,7 +62,7 @@ std::string as_text(const PointCloud& cloud) {
           "\nproperty float x\nproperty float y\nproperty float z\nproperty ushort scans\n" +
           "element scan_share " + std::to_string(s.shares.size()) +
           "\nproperty ushort scan\nproperty ushort parts\nelement pose_covariance " +
-          std::to_string(s.pose_covariance.size()) + "\nproperty double value\nend_header\n";
+          std::to_string(s.pose_covariance.size()) + "\nproperty double number\nend_header\n";
   for (size_t i = 0; i < cloud.size(); ++i)
     text += "1 2 " + std::to_string(i) + " " + std::to_string(s.of(i).size()) + "\n";
   for (const auto& share : s.shares)
