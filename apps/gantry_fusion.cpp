@@ -1,4 +1,4 @@
-// Registration, inspection and comparison of scans on disk; needs no device.
+// Registration, inspection and comparison of scans on disk, and series of inspections; needs no device.
 
 #include <spdlog/spdlog.h>
 
@@ -7,10 +7,11 @@
 #include "gantry/acquisition/journal.h"
 #include "gantry/foundation/error.h"
 #include "gantry/foundation/file_hash.h"
-#include "gantry/geometry/mesh_file.h"
 #include "gantry/geometry/point_cloud_file.h"
 #include "inspection_step.h"
+#include "reference_mesh.h"
 #include "register_command.h"
+#include "trend_command.h"
 
 namespace {
 
@@ -20,19 +21,39 @@ struct InspectOptions {
   std::filesystem::path cloud, reference, out, fixture, datums;
   double tolerance_mm = 0;
   std::string align = "best-fit";
-  bool from_any_start = false;
+  bool from_any_start = false, any_size = false;
   std::string unit = "mm", reference_unit = "mm";
   bool json = false;
 };
 
+/// A wrong unit must not end in a verdict on the part.
+void compare_sizes(const InspectOptions& o, const PointCloud& cloud, SizedFile reference,
+                   const std::optional<TriangleMesh>& fixture) {
+  constexpr double kDoubtful = 3, kUnmistakable = 5;
+  if (fixture) {
+    reference.size_mm = reference.size_mm.cwiseMax(fixture->bounds().sizes());
+    reference.name += " with its fixture";
+  }
+  const SizedFile sized{o.cloud.filename().string(), bulk_size(cloud.points), o.unit, "--unit"};
+  if (cloud.size() < 100) return;  // too few to be of any size
+  const std::string question = questioned_sizes(sized, reference, kDoubtful);
+  if (question.empty()) return;
+  if (!o.any_size && !questioned_sizes(sized, reference, kUnmistakable).empty())
+    throw InputError(question + " (--any-size: they are right, inspect all the same)");
+  spdlog::warn("{}", question);
+}
+
 ExitCode run_inspect(const InspectOptions& o) {
   require_writable_folder("--out", o.out);
   size_t dropped = 0;
-  const PointCloud cloud = read_point_cloud(o.cloud, o.unit == "m" ? 1000.0 : 1.0, &dropped);
+  const PointCloud cloud = read_point_cloud(o.cloud, millimetres_in(o.unit), &dropped);
   if (dropped > 0)
     spdlog::warn("{}: {} points without finite coordinates were left out", o.cloud.string(), dropped);
-  const TriangleMesh reference = read_mesh(o.reference, o.reference_unit == "m" ? 1000.0 : 1.0);
   InspectionOptions options;
+  const ReferenceMesh reference = read_reference(o.reference, o.reference_unit, "--reference-unit", true);
+  require_size_for_tolerance(reference.sized, o.tolerance_mm);
+  if (!o.fixture.empty()) options.fixture = read_reference(o.fixture, "mm", "", false).mesh;
+  compare_sizes(o, cloud, reference.sized, options.fixture);
   options.tolerance_mm = o.tolerance_mm;
   options.align = o.align != "none";
   options.alignment.from_any_start = o.from_any_start;
@@ -41,7 +62,6 @@ ExitCode run_inspect(const InspectOptions& o) {
   if (o.datums.empty() != (o.align != "datum"))
     throw InputError("--align datum and --datums DATUMS.yaml belong together");
   if (!o.datums.empty()) options.datums = read_datums(o.datums);
-  if (!o.fixture.empty()) options.fixture = read_mesh(o.fixture);
   Traceability trace;
   trace.title = o.reference.stem().string();
   trace.created = utc_now();
@@ -49,10 +69,11 @@ ExitCode run_inspect(const InspectOptions& o) {
                    {"CAD model", o.reference.filename().string() + ", sha256 " + sha256_of_file(o.reference)},
                    {"Alignment", o.align + (o.from_any_start ? ", from any start" : "")},
                    {"Software", "gantry " GANTRY_VERSION}};
+  if (!reference.tessellation.empty()) trace.entries.push_back({"Tessellation", reference.tessellation});
   if (!o.datums.empty())
     trace.entries.push_back(
         {"Datums", o.datums.filename().string() + ", sha256 " + sha256_of_file(o.datums)});
-  return inspect_and_report(cloud, reference, options, trace, o.out, o.json);
+  return inspect_and_report(cloud, reference.mesh, options, trace, o.out, o.json);
 }
 
 }  // namespace
@@ -63,7 +84,8 @@ int main(int argc, char** argv) {
       "Example: gantry-fusion register scans/*.ply --initial POSES.txt --out registered\n"
       "         gantry-fusion inspect --cloud registered/merged.ply --reference part.stl --tolerance 0.2 "
       "--out inspected\n"
-      "         gantry-fusion compare registered/merged.ply part.stl --ply distances.ply",
+      "         gantry-fusion compare registered/merged.ply part.stl --ply distances.ply\n"
+      "         gantry-fusion trend runs/* --out trend",
       "gantry-fusion"};
   CommonOptions common;
   add_common_options(app, common);
@@ -75,7 +97,7 @@ int main(int argc, char** argv) {
   CLI::App* inspecting = app.add_subcommand(
       "inspect", "Signed deviation from a CAD model: verdict, report.html, deviations.ply");
   inspecting->add_option("--cloud", ins.cloud, "Point cloud (PLY or PCD)")->required();
-  inspecting->add_option("--reference", ins.reference, "CAD model (STL, PLY, OBJ)")->required();
+  inspecting->add_option("--reference", ins.reference, "CAD model (STL, PLY, OBJ, STEP)")->required();
   inspecting->add_option("--tolerance", ins.tolerance_mm, "Allowed deviation, +- mm")
       ->required()
       ->check(number_within(1e-4, 100));
@@ -89,20 +111,27 @@ int main(int argc, char** argv) {
                        "The cloud may lie anywhere, turned by any angle: search for its pose first");
   inspecting->add_option("--fixture", ins.fixture,
                          "Mesh of what held the part, in the cloud's frame: it is not judged");
-  inspecting->add_option("--unit", ins.unit, "Unit of the cloud: mm or m")
-      ->check(CLI::IsMember({"mm", "m"}))
+  inspecting->add_option("--unit", ins.unit, "Unit of the cloud")
+      ->check(CLI::IsMember(length_units()))
       ->capture_default_str();
-  inspecting->add_option("--reference-unit", ins.reference_unit, "Unit of the reference: mm or m")
-      ->check(CLI::IsMember({"mm", "m"}))
+  inspecting
+      ->add_option("--reference-unit", ins.reference_unit,
+                   "Unit of the reference; a STEP file states its own")
+      ->check(CLI::IsMember(length_units()))
       ->capture_default_str();
+  inspecting->add_flag(
+      "--any-size", ins.any_size,
+      "The cloud may be more than 5 times as large or small as the CAD model: a patch, or a table");
   inspecting->add_option("--out", ins.out, "Folder for the results")->required();
   inspecting->add_flag("--json", ins.json, "Print the summary as JSON");
 
   const CompareCommand comparing(app);
+  const TrendCommand trending(app);
 
   return run_app(app, argc, argv, common, [&] {
     if (registering.parsed()) return registering.run();
     if (comparing.parsed()) return comparing.run();
+    if (trending.parsed()) return trending.run();
     return run_inspect(ins);
   });
 }

@@ -200,6 +200,7 @@ InspectionResult inspect(const PointCloud& cloud, const SignedDistance& referenc
   result.uncertainty_mm.assign(n, kNaN);
   result.point_class.assign(n, PointClass::kFar);
   std::vector<Eigen::Vector3f> foot(n), foot_normal(n);
+  std::vector<uint8_t> beside_border(n, 0);
   const auto min_cosine = static_cast<float>(std::cos(options.max_angle_rad));
   const auto reach = static_cast<float>(options.max_distance_mm);
   const auto judge = [&](size_t i, const std::optional<SignedDistance::Value>& value) {
@@ -213,6 +214,8 @@ InspectionResult inspect(const PointCloud& cloud, const SignedDistance& referenc
       result.uncertainty_mm[i] = standard_uncertainty(result, options, i, surface, *value);
       foot[i] = value->closest;
       foot_normal[i] = reference.mesh().normal(value->triangle);
+    } else if (value && value->at_border) {
+      beside_border[i] = 1;
     }
   };
   for_each_run(surface.points, [&](std::span<const uint32_t> run) {
@@ -232,6 +235,9 @@ InspectionResult inspect(const PointCloud& cloud, const SignedDistance& referenc
     feet.normals.push_back(foot_normal[i]);
   }
 
+  result.topology = analyse_topology(reference.mesh());
+  result.beside_border =
+      static_cast<size_t>(std::count(beside_border.begin(), beside_border.end(), uint8_t{1}));
   result.statistics = statistics_of(result.deviation_mm, options.tolerance_mm);
   result.coverage = internal::surface_coverage(reference.mesh(), feet, 1.0);
   internal::find_defects(result, surface, reference, options);

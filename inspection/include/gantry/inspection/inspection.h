@@ -5,6 +5,7 @@
 #include <string_view>
 #include <vector>
 
+#include "gantry/geometry/mesh_topology.h"
 #include "gantry/geometry/point_cloud.h"
 #include "gantry/geometry/pose.h"
 #include "gantry/geometry/signed_distance.h"
@@ -86,6 +87,8 @@ struct InspectionResult {
   DeviationStatistics statistics;
   double coverage = 0;  ///< Fraction of the CAD surface that was seen.
   std::vector<Defect> defects;
+  MeshTopology topology;     ///< Of the CAD model's mesh.
+  size_t beside_border = 0;  ///< Points whose closest CAD surface is the border of its open mesh: not judged.
 };
 
 /// Compares a cloud with the CAD model. A cloud without normals is measured to the closest surface of
