@@ -43,7 +43,7 @@ std::string table(const Results& results) {
       "95\u202f% interval</th><th class=\"n\">% of study<br>95\u202f% interval</th><th class=\"n\">ndc</th>"
       "<th class=\"n\">Interaction<br>p</th><th>By tolerance</th></tr></thead><tbody>\n";
   for (const GaugeResult* r : results)
-    html += "<tr><td><b>" + escaped(r->name) + "</b></td>" + cell(escaped(r->words), "text soft") +
+    html += "<tr><td class=\"name\"><b>" + escaped(r->name) + "</b></td>" + cell(escaped(r->words), "text soft") +
             cell(fixed(r->ev_mm.value, 4)) + cell(fixed(r->av_mm.value, 4)) + cell(fixed(r->pv_mm.value, 4)) +
             cell(estimate_text(r->percent_tolerance, 1)) + cell(estimate_text(r->percent_study, 1)) +
             cell(fixed(r->ndc.value, 0)) +
@@ -108,7 +108,7 @@ series::Banner banner_of(const GaugeReport& report, const Results& results) {
   char text[220];
   std::snprintf(
       text, sizeof text,
-      "Worst: %.60s, %.1f %% of the tolerance of +-%.3g mm. Of %zu features %zu are acceptable, %zu "
+      "Worst: %.60s, %.1f %% of the tolerance of \u00b1%.3g mm. Of %zu features %zu are acceptable, %zu "
       "conditional, %zu not acceptable.",
       results.front()->name.c_str(), results.front()->percent_tolerance.value, report.tolerance_mm,
       results.size(), results.size() - conditional - poor, conditional, poor);

@@ -64,7 +64,7 @@ std::string table(const Charts& charts, size_t most) {
     const ControlChart& c = *charts[i];
     Estimate drift = c.drift.per_run_mm;
     for (double* v : {&drift.value, &drift.low, &drift.high}) *v *= 1000;
-    html += "<tr><td><b>" + escaped(c.name) + "</b></td>" + cell(escaped(c.words), "text soft") +
+    html += "<tr><td class=\"name\"><b>" + escaped(c.name) + "</b></td>" + cell(escaped(c.words), "text soft") +
             cell(with_sign(c.centre_mm, 4)) + cell(fixed(c.sigma_mm, 4)) + cell(fixed(c.uncertainty_mm, 4)) +
             cell(estimate_text(c.capability.cpk, 2)) + cell(estimate_text(c.capability.ppk, 2)) +
             cell(estimate_text(drift, 2)) + "<td>" + chips(c) + "</td></tr>\n";
