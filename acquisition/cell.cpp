@@ -74,6 +74,7 @@ Cell read_cell(const std::filesystem::path& path) {
   cell.chain.base_from_sensor = read_pose(sensor);
   cell.chain.sensor_position_sigma_mm = sensor.number("position_sigma_mm", {0, 100});
   cell.chain.sensor_rotation_sigma_rad = sensor.angle_deg("rotation_sigma_deg", {0, 45});
+  cell.chain.sensor_systematic_sigma_mm = sensor.number_or("systematic_sigma_mm", 0.02, {0, 10});
   StrictYaml scanner = sensor.map("scanner");
   cell.scanner.kind = scanner.choice("kind", {"genicam3d", "simulated"});
   if (cell.scanner.kind == "genicam3d") cell.scanner.address = scanner.text("address");

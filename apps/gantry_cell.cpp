@@ -196,6 +196,7 @@ ExitCode run(const RunCommand& command) {
   progress.stage("inspecting");
   InspectionOptions inspection;
   inspection.tolerance_mm = plan.tolerance_mm;
+  inspection.systematic_sigma_mm = cell.chain.sensor_systematic_sigma_mm;
   inspection.fixture = std::move(fixture);
   progress.clear();
   const SizedFile merged{"the merged cloud", bulk_size(fused.merged.points), "mm", ""};

@@ -18,8 +18,8 @@ namespace {
 using namespace gantry;
 
 struct InspectOptions {
-  std::filesystem::path cloud, reference, out, fixture, datums;
-  double tolerance_mm = 0;
+  std::filesystem::path cloud, reference, out, fixture, fixture_scan, datums;
+  double tolerance_mm = 0, systematic_sigma_mm = InspectionOptions().systematic_sigma_mm;
   std::string align = "best-fit";
   bool from_any_start = false, any_size = false;
   std::string unit = "mm", reference_unit = "mm";
@@ -28,12 +28,12 @@ struct InspectOptions {
 
 /// A wrong unit must not end in a verdict on the part.
 void compare_sizes(const InspectOptions& o, const PointCloud& cloud, SizedFile reference,
-                   const std::optional<TriangleMesh>& fixture) {
+                   const InspectionOptions& options) {
   constexpr double kDoubtful = 3, kUnmistakable = 5;
-  if (fixture) {
-    reference.size_mm = reference.size_mm.cwiseMax(fixture->bounds().sizes());
-    reference.name += " with its fixture";
-  }
+  if (options.fixture || options.fixture_scan) reference.name += " with its fixture";
+  if (options.fixture) reference.size_mm = reference.size_mm.cwiseMax(options.fixture->bounds().sizes());
+  if (options.fixture_scan)
+    reference.size_mm = reference.size_mm.cwiseMax(bulk_size(options.fixture_scan->points));
   const SizedFile sized{o.cloud.filename().string(), bulk_size(cloud.points), o.unit, "--unit"};
   if (cloud.size() < 100) return;  // too few to be of any size
   const std::string question = questioned_sizes(sized, reference, kDoubtful);
@@ -53,8 +53,8 @@ ExitCode run_inspect(const InspectOptions& o) {
   const ReferenceMesh reference = read_reference(o.reference, o.reference_unit, "--reference-unit", true);
   require_size_for_tolerance(reference.sized, o.tolerance_mm);
   if (!o.fixture.empty()) options.fixture = read_reference(o.fixture, "mm", "", false).mesh;
-  compare_sizes(o, cloud, reference.sized, options.fixture);
   options.tolerance_mm = o.tolerance_mm;
+  options.systematic_sigma_mm = o.systematic_sigma_mm;
   options.align = o.align != "none";
   options.alignment.from_any_start = o.from_any_start;
   if (o.from_any_start && !options.align)
@@ -62,6 +62,9 @@ ExitCode run_inspect(const InspectOptions& o) {
   if (o.datums.empty() != (o.align != "datum"))
     throw InputError("--align datum and --datums DATUMS.yaml belong together");
   if (!o.datums.empty()) options.datums = read_datums(o.datums);
+  if (!o.fixture_scan.empty())
+    options.fixture_scan = read_point_cloud(o.fixture_scan, millimetres_in(o.unit));
+  compare_sizes(o, cloud, reference.sized, options);
   Traceability trace;
   trace.title = o.reference.stem().string();
   trace.created = utc_now();
@@ -73,6 +76,10 @@ ExitCode run_inspect(const InspectOptions& o) {
   if (!o.datums.empty())
     trace.entries.push_back(
         {"Datums", o.datums.filename().string() + ", sha256 " + sha256_of_file(o.datums)});
+  for (const auto& [name, file] :
+       {std::pair{"Fixture", &o.fixture}, {"Scan of the fixture", &o.fixture_scan}})
+    if (!file->empty())
+      trace.entries.push_back({name, file->filename().string() + ", sha256 " + sha256_of_file(*file)});
   return inspect_and_report(cloud, reference.mesh, options, trace, o.out, o.json);
 }
 
@@ -111,6 +118,15 @@ int main(int argc, char** argv) {
                        "The cloud may lie anywhere, turned by any angle: search for its pose first");
   inspecting->add_option("--fixture", ins.fixture,
                          "Mesh of what held the part, in the cloud's frame: it is not judged");
+  inspecting->add_option("--fixture-scan", ins.fixture_scan,
+                         "Merged scan of the empty fixture, in the cloud's frame and unit: it is not judged");
+  inspecting
+      ->add_option(
+          "--sensor-sigma", ins.systematic_sigma_mm,
+          "Standard uncertainty of the sensor, mm, that neighbouring points share: of its calibration, "
+          "which no averaging removes")
+      ->check(number_within(0, 10))
+      ->capture_default_str();
   inspecting->add_option("--unit", ins.unit, "Unit of the cloud")
       ->check(CLI::IsMember(length_units()))
       ->capture_default_str();

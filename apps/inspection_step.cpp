@@ -1,5 +1,7 @@
 #include "inspection_step.h"
 
+#include <algorithm>
+#include <cmath>
 #include <cstdio>
 
 #include "gantry/foundation/error.h"
@@ -26,6 +28,68 @@ void print_reference(const InspectionResult& result, size_t triangles) {
     std::printf("             %zu points lie beside its border and were not judged\n", result.beside_border);
 }
 
+std::string text_of(const Eigen::Vector3d& v) {
+  char text[80];
+  std::snprintf(text, sizeof text, "(%.2f, %.2f, %.2f)", v.x(), v.y(), v.z());
+  return text;
+}
+
+void print_defects(const std::vector<Defect>& defects) {
+  if (defects.empty()) return;
+  std::printf(
+      "\n  defect  class                    peak ± U (mm)     mean ± U (mm)  area (mm2)  extra, missing "
+      "(mm3)  "
+      "CAD face\n");
+  for (const Defect& d : defects) {
+    std::printf("  %6d  %-20s  %+8.3f ± %.3f  %+8.3f ± %.3f  %10.1f  %9.1f  %9.1f  %s\n", d.id,
+                std::string(to_string(d.kind)).c_str(), d.peak_mm, d.uncertainty_mm, d.signed_mean_mm,
+                d.mean_uncertainty_mm, d.area_mm2, d.extra_mm3, d.missing_mm3, d.face.c_str());
+    std::printf("          %s; %s\n", d.words.c_str(), d.face_words.c_str());
+    std::printf("          centre %s, extent %s mm%s\n", text_of(d.centre_mm).c_str(),
+                text_of(d.extent_mm).c_str(), d.certain ? "" : ", not certain: within U");
+  }
+}
+
+/// What nothing is claimed about, so that a PASS cannot be read as more than it is.
+void print_unjudged(const InspectionResult& result, const InspectionOptions& options) {
+  constexpr size_t kMost = 8;
+  const auto more = [&](size_t count) {
+    if (count > kMost) std::printf("          and %zu more: report.json\n", count - kMost);
+  };
+  if (!result.unseen.empty()) {
+    std::printf(
+        "\n  no data   %.0f mm2 of the CAD surface, of which in pieces of %.0f mm2 or more:\n"
+        "          area (mm2)  centre x, y, z (mm)            extent x, y, z (mm)            CAD face\n",
+        result.unseen_mm2, options.min_unseen_area_mm2);
+    for (size_t i = 0; i < std::min(kMost, result.unseen.size()); ++i) {
+      const UnjudgedRegion& u = result.unseen[i];
+      std::printf("          %10.1f  %-29s  %-29s  %s, %.0f %% of it%s\n", u.area_mm2,
+                  text_of(u.centre_mm).c_str(), text_of(u.extent_mm).c_str(), u.face.c_str(),
+                  100 * u.face_share, u.behind_fixture ? ", at the fixture" : "");
+    }
+    more(result.unseen.size());
+  }
+  if (!result.fixture_regions.empty()) {
+    std::printf("\n  fixture   not judged:\n");
+    for (size_t i = 0; i < std::min(kMost, result.fixture_regions.size()); ++i) {
+      const UnjudgedRegion& u = result.fixture_regions[i];
+      std::printf("          %10.1f  %-29s  %-29s  %zu points\n", u.area_mm2, text_of(u.centre_mm).c_str(),
+                  text_of(u.extent_mm).c_str(), u.points);
+    }
+    more(result.fixture_regions.size());
+  }
+}
+
+void print_uncertainty(const InspectionResult& result) {
+  const UncertaintyBudget& u = result.budget;
+  char poses[32] = "unknown";
+  if (result.poses_known) std::snprintf(poses, sizeof poses, "%.4f", u.scan_poses);
+  std::printf(
+      "  uncertainty ±%.4f mm (95 %%) of a typical point; standard: noise %.4f, scan poses %s, "
+      "alignment %.4f, sensor %.4f mm\n",
+      kCoverageFactor95 * u.combined(), u.noise, poses, u.alignment, u.sensor);
+}
+
 void print_summary(const InspectionResult& result, const InspectionOptions& options, size_t triangles,
                    const std::filesystem::path& report) {
   const DeviationStatistics& s = result.statistics;
@@ -34,15 +98,10 @@ void print_summary(const InspectionResult& result, const InspectionOptions& opti
               s.sigma, 100 * s.within_tolerance, s.count, options.tolerance_mm);
   std::printf("  coverage   %.1f %% of the CAD surface\n", 100 * result.coverage);
   print_reference(result, triangles);
+  print_uncertainty(result);
   if (options.align) print_alignment(result.alignment);
-  if (!result.defects.empty()) {
-    std::printf(
-        "\n  defect       peak ± U (mm)   area (mm2)   centre x, y, z (mm)        extent x, y, z (mm)\n");
-    for (const Defect& d : result.defects)
-      std::printf("  %4d      %+8.3f ± %.3f   %10.1f   %7.2f %7.2f %7.2f   %7.2f %7.2f %7.2f\n", d.id,
-                  d.peak_mm, d.uncertainty_mm, d.area_mm2, d.centre_mm.x(), d.centre_mm.y(), d.centre_mm.z(),
-                  d.extent_mm.x(), d.extent_mm.y(), d.extent_mm.z());
-  }
+  print_defects(result.defects);
+  print_unjudged(result, options);
   std::printf("\n  report     %s\n", report.c_str());
 }
 
@@ -67,7 +126,11 @@ ExitCode inspect_and_report(const PointCloud& cloud, const TriangleMesh& referen
                                 {"peak_mm", d.peak_mm},
                                 {"uncertainty_mm", d.uncertainty_mm},
                                 {"area_mm2", d.area_mm2},
+                                {"class", to_string(d.kind)},
+                                {"face", d.face},
                                 {"centre_mm", {d.centre_mm.x(), d.centre_mm.y(), d.centre_mm.z()}}});
+    out["unseen_mm2"] = result.unseen_mm2;
+    out["unseen_regions"] = result.unseen.size();
     std::printf("%s\n", out.dump().c_str());
   } else {
     print_summary(result, options, reference.triangles.size(), report);

@@ -130,6 +130,31 @@ RegistrationMethod registration_method(std::string_view name) {
   throw InputError("method: must be one of " + names + "; found '" + std::string(name) + "'");
 }
 
+namespace {
+
+/// Of the errors of all poses that take part, about the part's origin: those relative to the first scan, and
+/// what is not known of where this one was tagged, which moves all of them alike.
+Eigen::MatrixXd covariance_of_kept(const FusionResult& result, const UncertainPose& first_as_tagged) {
+  std::vector<size_t> kept;
+  for (size_t i = 0; i < result.scans.size(); ++i)
+    if (result.scans[i].left_out.empty()) kept.push_back(i);
+  const auto at = [](size_t scan) { return static_cast<Eigen::Index>(6 * scan); };
+  const Eigen::MatrixXd& joint = result.registration.joint_covariance;
+  Eigen::MatrixXd covariance(at(kept.size()), at(kept.size()));
+  for (size_t i = 0; i < kept.size(); ++i)
+    for (size_t j = 0; j < kept.size(); ++j) {
+      Matrix6d block = first_as_tagged.covariance();
+      if (joint.size() > 0)
+        block += joint.block<6, 6>(at(kept[i]), at(kept[j]));
+      else if (i == j && kept[i] > 0)
+        block += result.scans[kept[i]].part_from_sensor.covariance();
+      covariance.block<6, 6>(at(i), at(j)) = block;
+    }
+  return covariance;
+}
+
+}  // namespace
+
 struct Fusion::Impl {
   FusionOptions options;
   std::vector<RangeSurface> scans;
@@ -168,6 +193,7 @@ FusionResult Fusion::finish() {
   result.reason = result.registration.reason;
   result.trusted = result.reason.empty();
 
+  const UncertainPose first_as_tagged = scans[0].part_from_sensor;
   const Stopwatch comparing;
   std::vector<Pose> before, after;
   for (size_t i = 0; i < scans.size(); ++i) {
@@ -213,6 +239,9 @@ FusionResult Fusion::finish() {
     scans.resize(kept);
     after.resize(kept);
     result.merged = merge_surfaces(scans, after, impl_->options.merge, &result.merge);
+    auto sources = std::make_shared<CloudSources>(*result.merged.sources);
+    sources->pose_covariance = covariance_of_kept(result, first_as_tagged);
+    result.merged.sources = std::move(sources);
     result.timings_s.emplace_back("merge", merging.seconds());
   }
   return result;

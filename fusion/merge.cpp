@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <memory>
 #include <string>
 #include <vector>
 
@@ -41,18 +42,39 @@ double cell_for(const MergeOptions& options, double spacing_mm) {
   return kCellsPerSpacing * spacing_mm;
 }
 
-/// How many cells of a shard met each fate.
-using FateCounts = std::array<size_t, internal::kThinned + 1>;
+/// How many cells of a shard met each fate, and how many contributions its points have.
+struct Counts {
+  std::array<size_t, internal::kThinned + 1> fates{};
+  size_t contributions = 0;
+};
 
-FateCounts count_fates(const Shard& shard) {
-  FateCounts counts{};
-  for (size_t c = 0; c < shard.cells.size(); ++c) ++counts[shard.cells[c].tag];
+Counts count(const Shard& shard) {
+  Counts counts;
+  for (size_t c = 0; c < shard.cells.size(); ++c) {
+    ++counts.fates[shard.cells[c].tag];
+    if (shard.cells[c].tag != internal::kPoint) continue;
+    shard.for_contributions(shard.cells[c], [&](const internal::Contribution&) { ++counts.contributions; });
+  }
   return counts;
 }
 
-/// Writes the points of a shard from `out` on.
-void write_points(const Shard& shard, double cell_mm, double correlated_share, size_t out,
-                  PointCloud& cloud) {
+/// Writes the shares of a cell's scans from `out` on, in the order of the scans.
+size_t write_shares(const Shard& shard, const Cell& cell, size_t out, CloudSources& sources) {
+  const auto begin = sources.shares.begin() + static_cast<std::ptrdiff_t>(out);
+  double sum = 0;
+  shard.for_contributions(cell, [&](const internal::Contribution& c) { sum += c.weight; });
+  shard.for_contributions(cell, [&](const internal::Contribution& c) {
+    const double parts = std::round(CloudSources::Share::kWhole * (c.weight / sum));
+    sources.shares[out++] = {c.scan, static_cast<uint16_t>(parts)};
+  });
+  std::sort(begin, sources.shares.begin() + static_cast<std::ptrdiff_t>(out),
+            [](const auto& a, const auto& b) { return a.scan < b.scan; });
+  return out;
+}
+
+/// Writes the points of a shard from `out` on, and their shares from `share` on.
+void write_points(const Shard& shard, double cell_mm, double correlated_share, size_t out, size_t share,
+                  PointCloud& cloud, CloudSources& sources) {
   for (size_t b = 0; b < shard.blocks.size(); ++b) {
     const Block& block = shard.blocks[b];
     const Eigen::Vector3d corner = (internal::kBlockEdge * internal::block_of_key(block.key)).cast<double>();
@@ -66,7 +88,9 @@ void write_points(const Shard& shard, double cell_mm, double correlated_share, s
         cloud.points[out] = (cell_mm * (middle + cell.offset.value().cast<double>())).cast<float>();
         cloud.normals[out] = cell.normal.value().normalized();
         const double variance = std::max(1.0, correlated_share * cell.count) / cell.weight;
-        cloud.sigma_mm[out++] = static_cast<float>(std::sqrt(variance));
+        cloud.sigma_mm[out] = static_cast<float>(std::sqrt(variance));
+        sources.first[out++] = static_cast<uint32_t>(share);
+        share = write_shares(shard, cell, share, sources);
       }
     }
   }
@@ -77,7 +101,8 @@ void write_points(const Shard& shard, double cell_mm, double correlated_share, s
 struct CloudMerger::Impl {
   MergeOptions options;
   double cell_mm = 0;  ///< 0: nothing was added yet.
-  size_t scans = 0, measurements = 0;
+  size_t measurements = 0;
+  std::vector<std::string> scans;  ///< Names.
   CellGrid grid;
   internal::ScanMeasurements scan;
 };
@@ -94,7 +119,8 @@ void CloudMerger::add(const RangeSurface& surface, const Pose& part_from_sensor)
   const double cell_mm = impl.cell_mm > 0 ? impl.cell_mm : cell_for(impl.options, surface.spacing_mm);
   impl.scan.unpack(surface, part_from_sensor, cell_mm);
   impl.cell_mm = cell_mm;
-  const auto number = static_cast<uint16_t>(impl.scans++);
+  const auto number = static_cast<uint16_t>(impl.scans.size());
+  impl.scans.push_back(surface.name);
   impl.measurements += impl.scan.size();
   tbb::parallel_for(size_t{0}, kShards, [&](size_t s) { impl.scan.add_to(impl.grid[s], s, number); });
 }
@@ -113,28 +139,39 @@ PointCloud CloudMerger::finish(MergeReport* report) {
   internal::decide_fates(impl.grid, impl.cell_mm, impl.options.min_support);
   if (impl.options.uniform_density) internal::thin_evenly(impl.grid);
 
-  std::array<FateCounts, kShards> counts;
-  tbb::parallel_for(size_t{0}, kShards, [&](size_t s) { counts[s] = count_fates(impl.grid[s]); });
-  std::array<size_t, kShards> begins;
+  std::array<Counts, kShards> counts;
+  tbb::parallel_for(size_t{0}, kShards, [&](size_t s) { counts[s] = count(impl.grid[s]); });
+  std::array<size_t, kShards> begins, share_begins;
+  size_t shares = 0;
   for (size_t s = 0; s < kShards; ++s) {
+    const auto& fates = counts[s].fates;
     begins[s] = summary.points;
-    summary.points += counts[s][internal::kPoint];
-    summary.unsupported += counts[s][internal::kUnsupported];
-    summary.contradicted += counts[s][internal::kContradicted];
-    summary.duplicates += counts[s][internal::kAbsorbed];
-    summary.thinned += counts[s][internal::kThinned];
+    share_begins[s] = shares;
+    summary.points += fates[internal::kPoint];
+    summary.unsupported += fates[internal::kUnsupported];
+    summary.contradicted += fates[internal::kContradicted];
+    summary.duplicates += fates[internal::kAbsorbed];
+    summary.thinned += fates[internal::kThinned];
+    shares += counts[s].contributions;
   }
+  const auto sources = std::make_shared<CloudSources>();
+  sources->scans = std::move(impl.scans);
+  sources->first.resize(summary.points + 1, static_cast<uint32_t>(shares));
+  sources->shares.resize(shares);
   PointCloud cloud;
   cloud.points.resize(summary.points);
   cloud.normals.resize(summary.points);
   cloud.sigma_mm.resize(summary.points);
   // Cells go as points come, so that both are never held in full.
   tbb::parallel_for(size_t{0}, kShards, [&](size_t s) {
-    write_points(impl.grid[s], impl.cell_mm, impl.options.correlated_share, begins[s], cloud);
+    write_points(impl.grid[s], impl.cell_mm, impl.options.correlated_share, begins[s], share_begins[s], cloud,
+                 *sources);
     impl.grid[s].release();
   });
   impl.cell_mm = 0;
-  impl.scans = impl.measurements = 0;
+  impl.scans.clear();
+  impl.measurements = 0;
+  cloud.sources = sources;
   if (report) *report = summary;
   return cloud;
 }

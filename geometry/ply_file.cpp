@@ -30,7 +30,8 @@ struct Element {
 struct Header {
   Encoding encoding = Encoding::kAscii;
   std::vector<Element> elements;
-  size_t columns = 0, rows = 0;  ///< Of the range grid.
+  size_t columns = 0, rows = 0;    ///< Of the range grid.
+  std::vector<std::string> scans;  ///< Names, of RawSources.
 };
 
 NumberType number_type(const HeaderReader& header, const std::string& word) {
@@ -63,6 +64,13 @@ Encoding read_encoding(const HeaderReader& header, const std::vector<std::string
   header.fail("expected format ascii, binary_little_endian or binary_big_endian, found '" + format + "'");
 }
 
+/// The words from `first` on as one.
+std::string joined(const std::vector<std::string>& words, size_t first) {
+  std::string all = words[first];
+  for (size_t k = first + 1; k < words.size(); ++k) all += " " + words[k];
+  return all;
+}
+
 Header read_header(HeaderReader& reader) {
   if (reader.next_line()[0] != "ply") reader.fail("is no PLY file: it does not begin with 'ply'");
   Header header;
@@ -80,7 +88,10 @@ Header read_header(HeaderReader& reader) {
     } else if (words[0] == "obj_info") {
       if (words.size() > 1 && words[1] == "num_cols") header.columns = reader.count(words, 2);
       if (words.size() > 1 && words[1] == "num_rows") header.rows = reader.count(words, 2);
-    } else if (words[0] != "comment") {
+    } else if (words[0] == "comment") {
+      if (words.size() > 3 && words[1] == "gantry" && words[2] == "scan")
+        header.scans.push_back(joined(words, 3));
+    } else {
       reader.fail("its header is broken: unknown word '" + words[0] + "'");
     }
   }
@@ -99,6 +110,7 @@ class Body {
     if (std::count_if(header_.elements.begin(), header_.elements.end(), is_vertex) != 1)
       fail("expected one element 'vertex'");
     for (const Element& element : header_.elements) read_element(element);
+    table_.sources.scans = header_.scans;
     if (grid_)
       spread_over_grid();
     else if (is_grid_of_vertices(camera_size_)) {
@@ -127,6 +139,8 @@ class Body {
     if (element.name == "vertex") return read_vertices(element);
     if (element.name == "face") return read_faces(element);
     if (element.name == "range_grid") return read_grid(element);
+    if (element.name == "scan_share") return read_shares(element);
+    if (element.name == "pose_covariance") return read_pose_covariance(element);
     for (size_t i = 0; i < element.count; ++i) read_other(element);
   }
 
@@ -188,6 +202,34 @@ class Body {
       read_property(element.properties[0]);
       if (list_.size() > 1) fail("range_grid " + std::to_string(i) + " holds more than one vertex");
       grid_->push_back(list_.empty() ? -1 : vertex_index(list_[0], element, i));
+    }
+  }
+
+  uint16_t short_number(const Property& property) {
+    read_property(property);
+    if (property.length || !(list_[0] >= 0 && list_[0] <= 65535) || list_[0] != std::floor(list_[0]))
+      fail("scan_share: expected whole numbers from 0 to 65535");
+    return static_cast<uint16_t>(list_[0]);
+  }
+
+  void read_shares(const Element& element) {
+    if (element.properties.size() != 2 || element.properties[0].name != "scan" ||
+        element.properties[1].name != "parts" || !table_.sources.shares.empty())
+      fail("expected one element 'scan_share' with the properties scan and parts");
+    table_.sources.shares.reserve(element.count);
+    for (size_t i = 0; i < element.count; ++i) {
+      const uint16_t scan = short_number(element.properties[0]);
+      table_.sources.shares.push_back({scan, short_number(element.properties[1])});
+    }
+  }
+
+  void read_pose_covariance(const Element& element) {
+    if (element.properties.size() != 1 || element.properties[0].length ||
+        !table_.sources.pose_covariance.empty())
+      fail("expected one element 'pose_covariance' with one number as its property");
+    for (size_t i = 0; i < element.count; ++i) {
+      read_property(element.properties[0]);
+      table_.sources.pose_covariance.push_back(list_[0]);
     }
   }
 

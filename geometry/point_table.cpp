@@ -9,7 +9,7 @@
 namespace gantry::internal {
 
 std::vector<double>* column_for(PointTable& table, const std::string& field) {
-  constexpr std::array<std::pair<const char*, const char*>, 10> kKept = {{{"x", "x"},
+  constexpr std::array<std::pair<const char*, const char*>, 11> kKept = {{{"x", "x"},
                                                                           {"y", "y"},
                                                                           {"z", "z"},
                                                                           {"normal_x", "normal_x"},
@@ -18,7 +18,8 @@ std::vector<double>* column_for(PointTable& table, const std::string& field) {
                                                                           {"nx", "normal_x"},
                                                                           {"ny", "normal_y"},
                                                                           {"nz", "normal_z"},
-                                                                          {"sigma", "sigma"}}};
+                                                                          {"sigma", "sigma"},
+                                                                          {"scans", "scans"}}};
   for (const auto& [in_file, name] : kKept)
     if (field == in_file) return &table.columns[name];
   return nullptr;

@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "cloud_sources_file.h"
 #include "gantry/geometry/pose.h"
 #include "gantry/geometry/triangle_mesh.h"
 
@@ -16,12 +17,13 @@ struct PointTable {
   size_t width = 0;
   size_t height = 0;  ///< 1: not organised.
   /// Numbers of width * height points by the name of their field; NaN in the gaps of a grid. Only x, y, z,
-  /// normal_x, normal_y, normal_z (also called nx, ny, nz in files) and sigma are kept. Double: rounded before
-  /// it is brought to mm, a file in another unit would not give the same points.
+  /// normal_x, normal_y, normal_z (also called nx, ny, nz in files), sigma and scans are kept. Double:
+  /// rounded before it is brought to mm, a file in another unit would not give the same points.
   std::map<std::string, std::vector<double>> columns;
   Eigen::Vector3d sensor_position = Eigen::Vector3d::Zero();
   Eigen::Matrix3d sensor_axes = Eigen::Matrix3d::Identity();  ///< A rotation, or else the file is wrong.
   std::vector<Eigen::Vector3i> triangles;                     ///< Polygons as fans; none beside a grid.
+  RawSources sources;                                         ///< Empty unless a PLY has them.
 
   bool has(const std::string& field) const { return columns.contains(field); }
 };

@@ -7,18 +7,22 @@
 #include <cstdio>
 #include <limits>
 
-#include "defects.h"
+#include "cad_faces/patch_statistics.h"
+#include "defects/find_defects.h"
+#include "defects/unjudged.h"
+#include "fixture.h"
 #include "gantry/foundation/error.h"
 #include "gantry/geometry/spatial_order.h"
-#include "gantry/geometry/surface_index.h"
 #include "local_surface.h"
 #include "surface_coverage.h"
+#include "uncertainty/deviation_uncertainty.h"
 
 namespace gantry {
 namespace {
 
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
-constexpr double kLeastFit = 0.3;  ///< A fit to fewer of the points than this is no alignment.
+constexpr size_t kBudgetPoints = 100000;  ///< So many tell what a typical point is uncertain by.
+constexpr double kLeastFit = 0.3;         ///< A fit to fewer of the points than this is no alignment.
 
 void validate(const PointCloud& cloud, const InspectionOptions& o) {
   const auto require = [](bool ok, const std::string& what) {
@@ -30,34 +34,20 @@ void validate(const PointCloud& cloud, const InspectionOptions& o) {
   require(o.symmetry_tolerance_mm >= 0, "the tolerance of symmetries must not be negative");
   require(o.averaging_radius_mm >= 0, "the averaging radius must not be negative");
   require(o.link_distance_mm > 0, "the linking distance must be positive");
+  require(o.systematic_sigma_mm >= 0, "systematic_sigma_mm must not be negative");
+  require(o.min_unseen_area_mm2 >= 0, "the least area of surface without data must not be negative");
+  require(o.fixture_margin_mm >= 0, "the margin of the fixture must not be negative");
   require(o.min_coverage >= 0 && o.min_coverage <= 1, "the least coverage is a fraction from 0 to 1");
 }
 
 PointCloud transformed(const PointCloud& cloud, const Pose& pose) {
   PointCloud out = cloud;
+  out.sources = nullptr;  // these know errors in the frame of before
   tbb::parallel_for(size_t{0}, out.size(), [&](size_t i) {
     out.points[i] = (pose * cloud.points[i].cast<double>()).cast<float>();
     if (cloud.has_normals()) out.normals[i] = (pose.linear() * cloud.normals[i].cast<double>()).cast<float>();
   });
   return out;
-}
-
-/// Each point's distance to the fixture, infinite where there is none near.
-std::vector<float> fixture_distances(const PointCloud& cloud, const InspectionOptions& options) {
-  std::vector<float> distances(cloud.size(), std::numeric_limits<float>::infinity());
-  if (!options.fixture) return distances;
-  const SurfaceIndex fixture(*options.fixture);
-  const auto reach = static_cast<float>(options.max_distance_mm + options.fixture_margin_mm);
-  for_each_run(cloud.points, [&](std::span<const uint32_t> run) {
-    int near = -1;
-    for (const uint32_t i : run) {
-      const auto closest = fixture.closest(cloud.points[i], reach, near);
-      if (!closest) continue;
-      distances[i] = closest->distance;
-      near = closest->triangle;
-    }
-  });
-  return distances;
 }
 
 DeviationStatistics statistics_of(std::vector<float> values, double tolerance_mm) {
@@ -87,34 +77,20 @@ DeviationStatistics statistics_of(std::vector<float> values, double tolerance_mm
   return s;
 }
 
-/// Variance of a point's deviation along `direction` that the alignment brings. A free motion slides the part
-/// along itself: it counts only where it would move the surface across itself, at a rim for example.
-double alignment_variance(const AlignmentResult& alignment, const Eigen::Vector3d& point,
-                          const Eigen::Vector3d& direction) {
-  constexpr double kAlongItself = 0.1;  // mm across for each mm of the motion, about 6 degrees
-  Vector6d j;
-  j << point.cross(direction), direction;
-  for (const FreeMotion& free : alignment.free_motions)
-    if (std::abs(j.dot(free.twist)) > kAlongItself) return j.dot(alignment.covariance * j);
-  return j.dot(alignment.held_covariance * j);
-}
-
-/// Standard uncertainty of one deviation: the smoothed surface's along its normal, the single point's
-/// across it (a point beyond an edge deviates sideways, where nothing was smoothed), the alignment's,
-/// and what neighbours share.
-float standard_uncertainty(const InspectionResult& result, const InspectionOptions& options, size_t i,
-                           const internal::LocalSurface& surface, const SignedDistance::Value& value) {
-  const Eigen::Vector3d offset = (surface.points[i] - value.closest).cast<double>();
-  const Eigen::Vector3d direction =
-      offset.norm() > 1e-6 ? Eigen::Vector3d(offset.normalized()) : value.normal.cast<double>();
-  double along = 1;
-  if (result.cloud.has_normals()) along = direction.dot(result.cloud.normals[i].cast<double>());
-  const double single = result.cloud.has_sigma() ? result.cloud.sigma_mm[i] : surface.sigma_mm[i];
-  const double variance = along * along * surface.sigma_mm[i] * surface.sigma_mm[i] +
-                          (1 - along * along) * single * single +
-                          alignment_variance(result.alignment, value.closest.cast<double>(), direction) +
-                          options.systematic_sigma_mm * options.systematic_sigma_mm;
-  return static_cast<float>(std::sqrt(std::max(0.0, variance)));
+/// Standard uncertainties of the median point, each part by itself.
+UncertaintyBudget medians_of(const std::vector<std::optional<UncertaintyBudget>>& variances) {
+  UncertaintyBudget median;
+  for (double UncertaintyBudget::*part : {&UncertaintyBudget::noise, &UncertaintyBudget::scan_poses,
+                                          &UncertaintyBudget::alignment, &UncertaintyBudget::sensor}) {
+    std::vector<double> values;
+    for (const auto& v : variances)
+      if (v) values.push_back((*v).*part);
+    if (values.empty()) break;
+    const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+    std::nth_element(values.begin(), middle, values.end());
+    median.*part = std::sqrt(*middle);
+  }
+  return median;
 }
 
 void decide(InspectionResult& result, const InspectionOptions& options) {
@@ -172,16 +148,15 @@ InspectionResult inspect(const PointCloud& cloud, const SignedDistance& referenc
                          const InspectionOptions& options) {
   validate(cloud, options);
   InspectionResult result;
-  const std::vector<float> to_fixture = fixture_distances(cloud, options);
+  const internal::Fixture fixture(options);
+  const std::vector<float> to_fixture = fixture.distances(
+      cloud.points, static_cast<float>(options.max_distance_mm + options.fixture_margin_mm));
 
   if (options.align) {
-    PointCloud free;  // of the fixture
-    for (size_t i = 0; i < cloud.size(); ++i) {
-      if (to_fixture[i] < options.fixture_margin_mm) continue;
-      free.points.push_back(cloud.points[i]);
-      if (cloud.has_normals()) free.normals.push_back(cloud.normals[i]);
-      if (cloud.has_sigma()) free.sigma_mm.push_back(cloud.sigma_mm[i]);
-    }
+    std::vector<uint32_t> free_of_fixture;
+    for (uint32_t i = 0; i < cloud.size(); ++i)
+      if (!(to_fixture[i] < options.fixture_margin_mm)) free_of_fixture.push_back(i);
+    const PointCloud free = select(cloud, free_of_fixture);
     result.alignment = align_to_model(free, reference, options.alignment);
     if (options.datums && result.alignment.converged)
       result.alignment =
@@ -199,7 +174,11 @@ InspectionResult inspect(const PointCloud& cloud, const SignedDistance& referenc
   result.deviation_mm.assign(n, kNaN);
   result.uncertainty_mm.assign(n, kNaN);
   result.point_class.assign(n, PointClass::kFar);
-  std::vector<Eigen::Vector3f> foot(n), foot_normal(n);
+  internal::JudgedFeet feet(n);
+  const internal::DeviationUncertainty uncertainty(result.cloud, cloud.sources.get(), surface,
+                                                   result.alignment, options.systematic_sigma_mm);
+  const size_t every = 1 + n / kBudgetPoints;
+  std::vector<std::optional<UncertaintyBudget>> samples(n / every + 1);
   std::vector<uint8_t> beside_border(n, 0);
   const auto min_cosine = static_cast<float>(std::cos(options.max_angle_rad));
   const auto reach = static_cast<float>(options.max_distance_mm);
@@ -211,9 +190,12 @@ InspectionResult inspect(const PointCloud& cloud, const SignedDistance& referenc
     } else if (value && !value->at_border && surface.supported[i]) {
       result.point_class[i] = PointClass::kJudged;
       result.deviation_mm[i] = value->distance;
-      result.uncertainty_mm[i] = standard_uncertainty(result, options, i, surface, *value);
-      foot[i] = value->closest;
-      foot_normal[i] = reference.mesh().normal(value->triangle);
+      const UncertaintyBudget v = uncertainty.variances(i, *value);
+      if (i % every == 0) samples[i / every] = v;
+      result.uncertainty_mm[i] =
+          static_cast<float>(std::sqrt(v.noise + v.scan_poses + v.alignment + v.sensor));
+      feet.stand(i, *value, surface.points[i], cloud.has_normals() ? &result.cloud.normals[i] : nullptr,
+                 reference.mesh(), options.tolerance_mm);
     } else if (value && value->at_border) {
       beside_border[i] = 1;
     }
@@ -228,19 +210,19 @@ InspectionResult inspect(const PointCloud& cloud, const SignedDistance& referenc
       judge(i, value);
     }
   });
-  PointCloud feet;  // where the judged points stand on the CAD surface
-  for (size_t i = 0; i < n; ++i) {
-    if (result.point_class[i] != PointClass::kJudged) continue;
-    feet.points.push_back(foot[i]);
-    feet.normals.push_back(foot_normal[i]);
-  }
 
   result.topology = analyse_topology(reference.mesh());
   result.beside_border =
       static_cast<size_t>(std::count(beside_border.begin(), beside_border.end(), uint8_t{1}));
+  result.budget = medians_of(samples);
+  result.poses_known = cloud.sources && cloud.sources->pose_covariance.size() > 0;
   result.statistics = statistics_of(result.deviation_mm, options.tolerance_mm);
-  result.coverage = internal::surface_coverage(reference.mesh(), feet, 1.0);
-  internal::find_defects(result, surface, reference, options);
+  const internal::CoverageSamples coverage = internal::sample_coverage(reference, feet, 1.0);
+  result.coverage = coverage.fraction();
+  const CadFaces cad = segment_faces(reference.mesh());
+  internal::measure_surface(result, reference.mesh(), cad, feet, coverage);
+  internal::find_unjudged(result, cad, coverage, fixture, options);
+  internal::find_defects(result, surface, reference, cad, feet, coverage, options, cloud.sources.get());
   decide(result, options);
   return result;
 }

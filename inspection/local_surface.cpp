@@ -31,7 +31,8 @@ struct Sample {
 struct Fit {
   double height = 0;    // at (0, 0)
   double variance = 0;  // of that
-  double scatter = 0;   // reduced chi-square
+  double scatter = 0;   // reduced chi-square ...
+  double freedoms = 1;  // ... of so many degrees of freedom
   bool valid = false;
 };
 
@@ -68,7 +69,8 @@ Fit fit_polynomial(const std::vector<Sample>& samples) {
   }
   fit.height = std::clamp(solution(0), low, high);
   fit.variance = solver.solve(Row(Row::Unit(0)))(0);
-  fit.scatter = chi / std::max<double>(1.0, static_cast<double>(samples.size()) - N);
+  fit.freedoms = std::max<double>(1.0, static_cast<double>(samples.size()) - N);
+  fit.scatter = chi / fit.freedoms;
   fit.valid = true;
   return fit;
 }
@@ -152,7 +154,9 @@ LocalSurface fit_local_surface(const PointCloud& cloud, double radius_mm, double
     }
     if (cloud.has_sigma() && fit.scatter > kEdgeScatter) return;
     surface.points[i] += static_cast<float>(fit.height) * normal;
-    const double unmodelled = cloud.has_sigma() ? std::max(1.0, fit.scatter) : fit.scatter;
+    // Two standard deviations of scatter are chance, and to take them for shape would overstate the rest.
+    const double by_chance = 1 + 2 * std::sqrt(2 / fit.freedoms);
+    const double unmodelled = cloud.has_sigma() ? std::max(1.0, fit.scatter / by_chance) : fit.scatter;
     surface.sigma_mm[i] = static_cast<float>(std::sqrt(fit.variance * unmodelled));
     surface.supported[i] = 1;
   });

@@ -3,49 +3,58 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
-#include <atomic>
-#include <cmath>
-#include <random>
+#include <numeric>
 
 #include "gantry/geometry/point_index.h"
+#include "gantry/geometry/spatial_order.h"
+#include "gantry/geometry/surface_samples.h"
 
 namespace gantry::internal {
+namespace {
 
-double surface_coverage(const TriangleMesh& mesh, const PointCloud& feet, double radius_mm) {
-  if (feet.points.empty()) return 0;
-  constexpr size_t kSamples = 20000;
-  std::vector<double> cumulative;
-  double total = 0;
-  for (size_t t = 0; t < mesh.triangles.size(); ++t) cumulative.push_back(total += mesh.area(t));
-  std::mt19937 random(1);
-  std::uniform_real_distribution<double> uniform;
-  struct Sample {
-    Eigen::Vector3f point, normal;
-  };
-  std::vector<Sample> samples;
-  for (size_t i = 0; i < kSamples; ++i) {
-    const auto t =
-        static_cast<size_t>(std::lower_bound(cumulative.begin(), cumulative.end(),
-                                             (static_cast<double>(i) + uniform(random)) / kSamples * total) -
-                            cumulative.begin());
-    if (t >= mesh.triangles.size()) continue;
-    const double r = std::sqrt(uniform(random)), s = uniform(random);
-    const Eigen::Vector3i& tri = mesh.triangles[t];
-    samples.push_back({static_cast<float>(1 - r) * mesh.vertices[tri[0]] +
-                           static_cast<float>(r * (1 - s)) * mesh.vertices[tri[1]] +
-                           static_cast<float>(r * s) * mesh.vertices[tri[2]],
-                       mesh.normal(t)});
+constexpr double kAreaEachMm2 = 0.5;
+constexpr double kLeastSamples = 20000, kMostSamples = 100000;
+constexpr float kFacing = 0.5f;  // cosine
+
+}  // namespace
+
+double CoverageSamples::fraction() const {
+  if (seen.empty()) return 0;
+  return static_cast<double>(std::accumulate(seen.begin(), seen.end(), size_t{0})) /
+         static_cast<double>(seen.size());
+}
+
+CoverageSamples sample_coverage(const SignedDistance& reference, const JudgedFeet& feet, double radius_mm) {
+  const TriangleMesh& mesh = reference.mesh();
+  const double area = mesh.surface_area();
+  const auto count = static_cast<size_t>(std::clamp(area / kAreaEachMm2, kLeastSamples, kMostSamples));
+  CoverageSamples samples;
+  samples.surface = sample_surface(mesh, count, 1);
+  samples.area_each_mm2 = area / static_cast<double>(count);
+  samples.triangle.assign(count, 0);
+  samples.seen.assign(count, 0);
+
+  std::vector<Eigen::Vector3f> points, normals;
+  for (size_t i = 0; i < feet.point.size(); ++i) {
+    if (feet.triangle[i] < 0 || feet.beside[i]) continue;
+    points.push_back(feet.point[i]);
+    normals.push_back(mesh.normal(static_cast<size_t>(feet.triangle[i])));
   }
-  const PointIndex index(feet.points);
-  std::atomic<size_t> seen{0};
-  tbb::parallel_for(size_t{0}, samples.size(), [&](size_t i) {
-    thread_local std::vector<PointIndex::Neighbour> near;
-    index.within(samples[i].point, static_cast<float>(radius_mm), near);
-    seen += std::any_of(near.begin(), near.end(), [&](const auto& n) {
-      return !feet.has_normals() || feet.normals[n.index].dot(samples[i].normal) > 0.5f;
-    });
+  const PointIndex index(points);
+  for_each_run(samples.surface.points, [&](std::span<const uint32_t> run) {
+    std::vector<PointIndex::Neighbour> near;
+    int triangle = -1;
+    for (const uint32_t i : run) {
+      const Eigen::Vector3f &p = samples.surface.points[i], &normal = samples.surface.normals[i];
+      if (const auto on = reference(p, normal, 0.99f, 1.0f, triangle))
+        samples.triangle[i] = triangle = on->triangle;
+      if (points.empty()) continue;
+      index.within(p, static_cast<float>(radius_mm), near);
+      samples.seen[i] = std::any_of(near.begin(), near.end(),
+                                    [&](const auto& n) { return normals[n.index].dot(normal) > kFacing; });
+    }
   });
-  return static_cast<double>(seen) / static_cast<double>(samples.size());
+  return samples;
 }
 
 }  // namespace gantry::internal

@@ -5,6 +5,9 @@
 namespace gantry {
 namespace {
 
+/// About the half width of a part: systematic errors of the sensor differ by their own size over it.
+constexpr double kSystematicLever_mm = 100;
+
 /// What a joint's calibrated geometry may be wrong by: small twists of its frame, one column for each
 /// parameter, one standard deviation long. The direction tilts and the axis shifts, each in two ways across
 /// the direction: along and about the axis there is nothing to be wrong. A parameter that is known exactly
@@ -86,6 +89,9 @@ UncertainPose Chain::uncertain_part_from_sensor(std::span<const double> q) const
     const Vector6d column = jacobian.col(static_cast<Eigen::Index>(i));
     result.independent += joints[i].repeatability * joints[i].repeatability * column * column.transpose();
   }
+  const double shift_mm = sensor_systematic_sigma_mm, turn_rad = shift_mm / kSystematicLever_mm;
+  result.independent.diagonal().head<3>().array() += turn_rad * turn_rad;
+  result.independent.diagonal().tail<3>().array() += shift_mm * shift_mm;
   // A frame error e of joint i turns exp(S q) into exp(e) exp(S q) exp(-e); to first order the error of
   // part_from_sensor is Ad(C^-1) (I - Ad(exp(-S q))) e.
   std::vector<SharedFactor> of_joints(joints.size());

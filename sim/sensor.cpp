@@ -2,6 +2,7 @@
 
 #include <tbb/parallel_for.h>
 
+#include <array>
 #include <cmath>
 #include <numbers>
 
@@ -26,6 +27,43 @@ struct PixelRandom {
     const double u = 1.0 - uniform();
     return std::sqrt(-2.0 * std::log(u)) * std::cos(2 * std::numbers::pi * uniform());
   }
+};
+
+/// SensorModel::distortion_mm as a function of the direction and the distance: a few waves over the volume, of
+/// random direction, length and phase.
+class Distortion {
+ public:
+  explicit Distortion(const SensorModel& model)
+      : amplitude_(model.distortion_mm * std::sqrt(2.0 / kWaves)),
+        x_scale_(1 / std::tan(0.5 * model.horizontal_fov_rad)),
+        y_scale_(1 / std::tan(0.5 * model.vertical_fov_rad)),
+        near_(model.near_mm),
+        depth_(model.far_mm - model.near_mm) {
+    PixelRandom random{mix(model.distortion_seed ^ 0xD157027104ull)};
+    for (Wave& wave : waves_) {
+      for (double& k : wave.number) k = std::numbers::pi * (2 * random.uniform() - 1);
+      wave.phase = 2 * std::numbers::pi * random.uniform();
+    }
+  }
+  double operator()(const Eigen::Vector3d& ray, double range) const {
+    if (amplitude_ == 0) return 0;
+    // Each coordinate runs from -1 to 1 through the volume.
+    const double x = ray.x() / ray.z() * x_scale_, y = ray.y() / ray.z() * y_scale_,
+                 z = 2 * (range * ray.z() - near_) / depth_ - 1;
+    double sum = 0;
+    for (const Wave& w : waves_)
+      sum += std::cos(w.number[0] * x + w.number[1] * y + w.number[2] * z + w.phase);
+    return amplitude_ * sum;
+  }
+
+ private:
+  static constexpr int kWaves = 8;
+  struct Wave {
+    double number[3];
+    double phase;
+  };
+  double amplitude_, x_scale_, y_scale_, near_, depth_;
+  std::array<Wave, kWaves> waves_;
 };
 
 struct TracedPixel {
@@ -82,6 +120,7 @@ Scan trace_scan(const SensorModel& model, const RayScene& scene, const Pose& beg
     }
   });
 
+  const Distortion distortion(model);
   const double min_cosine = std::cos(model.max_incidence_rad);
   const double grazing_cosine = 0.5;  // 60 degrees
   Scan scan;
@@ -101,7 +140,7 @@ Scan trace_scan(const SensorModel& model, const RayScene& scene, const Pose& beg
       if (random.uniform() < dropout) continue;
       const double distance_ratio = pixel.range / 500.0;
       double range =
-          pixel.range + model.noise_mm * distance_ratio * distance_ratio / pixel.cosine * random.gaussian();
+          pixel.range + distortion(ray(column, row), pixel.range) + model.noise_mm * distance_ratio * distance_ratio / pixel.cosine * random.gaussian();
       if (random.uniform() < model.mixed_pixel_probability) {
         static constexpr int kSteps[4][2] = {{1, 0}, {-1, 0}, {0, 1}, {0, -1}};
         for (const auto& step : kSteps) {

@@ -63,6 +63,7 @@ SensorModel read_sensor(StrictYaml yaml) {
   if (m.near_mm >= m.far_mm) yaml.fail("near_mm", "must be smaller than far_mm");
   m.projector_offset_mm = yaml.number_or("projector_offset_mm", m.projector_offset_mm, {-1000, 1000});
   m.noise_mm = yaml.number_or("noise_mm", m.noise_mm, {0, 10});
+  m.distortion_mm = yaml.number_or("distortion_mm", m.distortion_mm, {0, 10});
   m.max_incidence_rad = yaml.angle_deg_or("max_incidence_deg", m.max_incidence_rad / kDeg, {61, 89.9});
   m.mixed_pixel_probability = yaml.number_or("mixed_pixel_probability", m.mixed_pixel_probability, {0, 1});
   m.mixed_pixel_step_mm = yaml.number_or("mixed_pixel_step_mm", m.mixed_pixel_step_mm, {0.01, 1000});

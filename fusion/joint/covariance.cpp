@@ -52,15 +52,60 @@ Shown shown_of(const PoseCovariance& all, size_t scan) {
   return shown;
 }
 
+/// How much of a covariance the patches say, and how much what independent pixels would leave.
+struct Mixture {
+  double patches, independent;
+};
+
+Mixture mixture_of(double patches) {
+  const double trusted = 1 - kFewPatches / std::max(patches, kFewPatches);
+  const double in_effect = trusted > 0 ? patches / (trusted * trusted) : 0;
+  const double enlarged = trusted > 0 ? in_effect / (in_effect - kFewPatches) : 1;
+  return {enlarged * trusted, enlarged * (1 - trusted)};
+}
+
+/// The first scan's rows taken from all others' and from its own.
+Eigen::MatrixXd against_first(Eigen::MatrixXd rows) {
+  for (Eigen::Index i = rows.rows() - 6; i >= 0; i -= 6) rows.middleRows<6>(i) -= rows.topRows<6>().eval();
+  return rows;
+}
+
+/// A root of a covariance: root * root^T. What is smaller than rounding counts as that.
+Matrix6d root_of(const Matrix6d& covariance) {
+  const Vector6d scale = covariance.diagonal().cwiseMax(1e-300).cwiseSqrt();
+  const Matrix6d scaled = scale.cwiseInverse().asDiagonal() * covariance * scale.cwiseInverse().asDiagonal();
+  const Eigen::LLT<Matrix6d> root((scaled + 1e-12 * Matrix6d::Identity()).eval());
+  return scale.asDiagonal() * Matrix6d(root.matrixL());
+}
+
 }  // namespace
 
 Matrix6d PoseCovariance::of(size_t scan) const {
   const Shown shown = shown_of(*this, scan);
-  const double trusted = 1 - kFewPatches / std::max(shown.patches, kFewPatches);
-  const Matrix6d data = trusted * shown.by_patches + (1 - trusted) * correlation * shown.independent;
-  const double in_effect = trusted > 0 ? shown.patches / (trusted * trusted) : 0;
-  const double enlarged = trusted > 0 ? in_effect / (in_effect - kFewPatches) : 1;
-  return enlarged * data + relative(common, scan);
+  const Mixture mixture = mixture_of(shown.patches);
+  return mixture.patches * shown.by_patches + mixture.independent * correlation * shown.independent +
+         relative(common, scan);
+}
+
+Eigen::MatrixXd PoseCovariance::joint() const {
+  const auto dimension = independent.rows();
+  const Eigen::Index scans = dimension / 6;
+  // Few patches in effect here and many there: the mean mixture first, then each scan's own block.
+  Mixture mean{0, 0};
+  for (Eigen::Index i = 1; i < scans; ++i) {
+    const Mixture own = mixture_of(shown_of(*this, static_cast<size_t>(i)).patches);
+    mean.patches += own.patches / static_cast<double>(scans - 1);
+    mean.independent += own.independent / static_cast<double>(scans - 1);
+  }
+  const Eigen::MatrixXd its = against_first(moves);
+  const Eigen::MatrixXd others =
+      against_first(against_first(mean.independent * correlation * independent + common).transpose());
+  Eigen::MatrixXd all = mean.patches * its * its.transpose() + others;
+  Eigen::MatrixXd to_own = Eigen::MatrixXd::Zero(dimension, dimension);
+  for (Eigen::Index i = 1; i < scans; ++i)
+    to_own.block<6, 6>(6 * i, 6 * i) =
+        root_of(of(static_cast<size_t>(i))) * root_of(all.block<6, 6>(6 * i, 6 * i)).inverse();
+  return to_own * all * to_own.transpose();
 }
 
 PoseCovariance pose_covariance(const JointProblem& problem, const Pairs& pairs,

@@ -41,6 +41,9 @@ struct PoseCovariance {
   Eigen::MatrixXd common;  ///< What the prior's own error, offsets of edges, and chords add, 6 n x 6 n.
   double patch_mm = 0;
   Matrix6d of(size_t scan) const;  ///< Errors of one scan against scan 0.
+  /// Errors of all scans against scan 0, 6 n x 6 n: scans that lean on the same patches err together. Its
+  /// diagonal blocks are those of of().
+  Eigen::MatrixXd joint() const;
 };
 
 /// `chords`: chord_errors() of every slot.

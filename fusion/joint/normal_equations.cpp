@@ -123,4 +123,12 @@ Matrix6d shifted_covariance(const Matrix6d& covariance, const Eigen::Vector3d& f
   return shift * covariance * shift.transpose();
 }
 
+Eigen::MatrixXd carried_covariance(const Eigen::MatrixXd& covariance, const Matrix6d& by) {
+  Eigen::MatrixXd carried(covariance.rows(), covariance.cols());
+  for (Eigen::Index i = 0; i < covariance.rows(); i += 6)
+    for (Eigen::Index j = 0; j < covariance.cols(); j += 6)
+      carried.block<6, 6>(i, j) = by * covariance.block<6, 6>(i, j) * by.transpose();
+  return carried;
+}
+
 }  // namespace gantry::internal

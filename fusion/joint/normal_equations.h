@@ -84,5 +84,7 @@ Matrix6d shifted_errors(const Eigen::Vector3d& from, const Eigen::Vector3d& to);
 /// Turns a covariance of errors about `from` into that of errors about `to`.
 Matrix6d shifted_covariance(const Matrix6d& covariance, const Eigen::Vector3d& from,
                             const Eigen::Vector3d& to);
+/// The covariance of several errors, 6 rows each, when all of them are turned by `by` (as shifted_errors()).
+Eigen::MatrixXd carried_covariance(const Eigen::MatrixXd& covariance, const Matrix6d& by);
 
 }  // namespace gantry::internal

@@ -124,6 +124,8 @@ Registration report_of(const JointProblem& problem, const JointOptions& options,
     result.part_from_sensor.push_back(pose);
     result.scans.push_back(scan_report(problem, attempt, solution, i));
   }
+  result.joint_covariance = carried_covariance(
+      solution.joint_covariance, shifted_errors(solution.gauge * problem.centre, Eigen::Vector3d::Zero()));
   for (size_t k = 0; k < solution.pairs.size(); ++k)
     result.pairs.push_back(pair_report(problem, attempt, solution, k));
   result.parameters = choices_of(problem, options, start_mm, attempt.sigma_mm, solution.edges);

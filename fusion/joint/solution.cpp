@@ -123,10 +123,16 @@ std::vector<Vector6d> chords_of(const JointProblem& problem, const Pairs& pairs,
   return chords;
 }
 
-std::vector<Matrix6d> covariances(const PoseCovariance& covariance, const Pose& gauge, size_t scans) {
+/// Turns an error's rotation and translation alike.
+Matrix6d turn_of(const Pose& gauge) {
   Matrix6d turn = Matrix6d::Zero();
   turn.topLeftCorner<3, 3>() = gauge.linear();
   turn.bottomRightCorner<3, 3>() = gauge.linear();
+  return turn;
+}
+
+std::vector<Matrix6d> covariances(const PoseCovariance& covariance, const Pose& gauge, size_t scans) {
+  const Matrix6d turn = turn_of(gauge);
   std::vector<Matrix6d> result(scans, Matrix6d::Zero());
   for (size_t i = 1; i < scans; ++i) result[i] = turn * covariance.of(i) * turn.transpose();
   return result;
@@ -172,8 +178,9 @@ Solution solve_finely(const JointProblem& problem, const Attempt& attempt) {
   solution.gauge = problem.scans[0].part_from_grid() * poses[0].inverse();
   solution.from_tags = problem.tag_prior.chi_square(errors_of_tags(problem, poses));
   std::vector<Vector6d> chords = chords_of(problem, pairs, poses, gates);
-  solution.covariance =
-      covariances(pose_covariance(problem, pairs, solution.sums, blocks, edges, chords), solution.gauge, n);
+  const PoseCovariance covariance = pose_covariance(problem, pairs, solution.sums, blocks, edges, chords);
+  solution.covariance = covariances(covariance, solution.gauge, n);
+  solution.joint_covariance = carried_covariance(covariance.joint(), turn_of(solution.gauge));
   if (attempt.left_out_count() == 0) return solution;
 
   // What is left out has been drawn to its tag, where it does not disturb the others: back to where it was.

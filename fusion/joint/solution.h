@@ -20,6 +20,8 @@ struct Solution {
   /// Of errors about the centre, relative to the first scan, in the frame that `gauge` leads to; of scans
   /// that are left out as if they took part.
   std::vector<Matrix6d> covariance;
+  /// The same of all scans at once, 6 n x 6 n, without those that are left out (their rows say nothing).
+  Eigen::MatrixXd joint_covariance;
 };
 
 /// The last rounds of the scans that take part; those that are left out stay where the attempt saw them.

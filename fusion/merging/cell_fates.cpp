@@ -125,9 +125,14 @@ GANTRY_MULTIVERSION void judge(const Neighbourhood& near, double cell_mm, size_t
   });
 }
 
+/// The shard in which a cell lies.
+Shard& shard_of(CellGrid& grid, const CellIndex& index) {
+  return grid[shard_of_block(cell_key(index) >> 6)];
+}
+
 Cell* find_cell(CellGrid& grid, const CellIndex& index, int place) {
   const uint64_t key = cell_key(index);
-  Shard& shard = grid[shard_of_block(key >> 6)];
+  Shard& shard = shard_of(grid, index);
   const Block* block = shard.find(key >> 6);
   uint32_t link = block ? block->first[key & 63] : 0;
   for (; link != 0 && place > 0; --place) link = shard.cells[link - 1].next;
@@ -155,6 +160,7 @@ void absorb(CellGrid& grid, const CellIndex& index, int place, Cell& cell) {
   cell.normal = to_fixed(normal + share * (other->normal.value() - normal));
   cell.weight += other->weight;
   cell.count += other->count;
+  shard_of(grid, index).take_contributions(cell, shard_of(grid, index + step), *other);
 }
 
 /// A random order without ties: both steps can be undone, so different cells differ.

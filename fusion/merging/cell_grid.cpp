@@ -3,23 +3,6 @@
 #include "range_image/simd.h"
 
 namespace gantry::internal {
-namespace {
-
-/// Running means lose nothing to the size of the sums, however many measurements there are.
-[[gnu::always_inline]] inline void accumulate(Cell& cell, const Measurement& m, uint16_t scan) {
-  if (cell.count == 0 || cell.tag != scan) {
-    cell.tag = scan;
-    cell.scans = static_cast<uint8_t>(cell.scans + (cell.scans < 255));
-  }
-  cell.weight += m.weight;
-  ++cell.count;
-  const float share = m.weight / cell.weight;
-  const Eigen::Vector3f offset = cell.offset.value(), normal = cell.normal.value();
-  cell.offset = to_fixed(offset + share * (m.offset.value() - offset));
-  cell.normal = to_fixed(normal + share * (m.normal.value() - normal));
-}
-
-}  // namespace
 
 size_t Shard::slot_of(uint64_t key) const {
   const size_t mask = table_.size() - 1;
@@ -47,6 +30,37 @@ Block& Shard::block(uint64_t key) {
     table_[slot] = static_cast<uint32_t>(blocks.size());
   }
   return blocks[table_[slot] - 1];
+}
+
+/// Running means lose nothing to the size of the sums, however many measurements there are.
+[[gnu::always_inline]] inline void Shard::accumulate(Cell& cell, const Measurement& m, uint16_t scan) {
+  if (cell.count == 0 || cell.tag != scan) {
+    cell.tag = scan;
+    cell.scans = static_cast<uint8_t>(cell.scans + (cell.scans < 255));
+    contributions.grow() = {0, cell.latest, scan};
+    cell.latest = static_cast<uint32_t>(contributions.size());
+  }
+  contributions[cell.latest - 1].weight += m.weight;
+  cell.weight += m.weight;
+  ++cell.count;
+  const float share = m.weight / cell.weight;
+  const Eigen::Vector3f offset = cell.offset.value(), normal = cell.normal.value();
+  cell.offset = to_fixed(offset + share * (m.offset.value() - offset));
+  cell.normal = to_fixed(normal + share * (m.normal.value() - normal));
+}
+
+void Shard::take_contributions(Cell& cell, const Shard& its, const Cell& other) {
+  its.for_contributions(other, [&](const Contribution& given) {
+    uint32_t link = cell.latest;
+    while (link != 0 && contributions[link - 1].scan != given.scan) link = contributions[link - 1].next;
+    if (link != 0) {
+      contributions[link - 1].weight += given.weight;
+      return;
+    }
+    const Contribution copy{given.weight, cell.latest, given.scan};
+    contributions.grow() = copy;
+    cell.latest = static_cast<uint32_t>(contributions.size());
+  });
 }
 
 GANTRY_MULTIVERSION void Shard::add(const Measurement* all, std::span<const uint32_t> which, uint16_t scan) {
@@ -84,6 +98,7 @@ GANTRY_MULTIVERSION void Shard::add(const Measurement* all, std::span<const uint
 void Shard::release() {
   blocks.release();
   cells.release();
+  contributions.release();
   table_ = {};
 }
 

@@ -61,18 +61,26 @@ struct Measurement {
   float weight = 0;  ///< 1 / sigma^2, 1/mm^2
 };
 
+/// What one scan gave to a cell.
+struct Contribution {
+  float weight = 0;   ///< Sum, 1/mm^2
+  uint32_t next = 0;  ///< Of the scan before it, one-based in the shard; 0: none.
+  uint16_t scan = 0;
+};
+
 /// The measurements of one voxel whose normals agree.
 struct Cell {
-  Fixed3 offset;       ///< Weighted mean from the voxel's middle, in units of its edge.
-  Fixed3 normal;       ///< Weighted mean; shorter than 1 where normals differ.
-  float weight = 0;    ///< Sum, 1/mm^2
-  uint32_t count = 0;  ///< Measurements.
-  uint32_t next = 0;   ///< Another cell of the same voxel, one-based in the shard; 0: none.
-  uint16_t tag = 0;    ///< While adding: the latest scan, to count scans. Afterwards: a Fate.
-  uint8_t scans = 0;   ///< That contributed, at most 255.
-  uint8_t mark = 0;    ///< For the steps of cell_fates.h.
+  Fixed3 offset;        ///< Weighted mean from the voxel's middle, in units of its edge.
+  Fixed3 normal;        ///< Weighted mean; shorter than 1 where normals differ.
+  float weight = 0;     ///< Sum, 1/mm^2
+  uint32_t count = 0;   ///< Measurements.
+  uint32_t next = 0;    ///< Another cell of the same voxel, one-based in the shard; 0: none.
+  uint32_t latest = 0;  ///< Its latest Contribution, one-based in the shard.
+  uint16_t tag = 0;     ///< While adding: the latest scan, to count scans. Afterwards: a Fate.
+  uint8_t scans = 0;    ///< That contributed, at most 255.
+  uint8_t mark = 0;     ///< For the steps of cell_fates.h.
 };
-static_assert(sizeof(Cell) == 28);
+static_assert(sizeof(Cell) == 32);
 
 struct Block {
   uint64_t key = 0;
@@ -89,9 +97,22 @@ class Shard {
 
   PagedArray<Block> blocks;
   PagedArray<Cell> cells;
-  size_t bytes() const { return blocks.bytes() + cells.bytes() + table_.size() * sizeof(uint32_t); }
+  PagedArray<Contribution> contributions;
+  size_t bytes() const {
+    return blocks.bytes() + cells.bytes() + contributions.bytes() + table_.size() * sizeof(uint32_t);
+  }
+
+  /// Calls `use(contribution)` for every scan of a cell, the latest first.
+  template <class Use>
+  void for_contributions(const Cell& cell, Use&& use) const {
+    for (uint32_t link = cell.latest; link != 0; link = contributions[link - 1].next)
+      use(contributions[link - 1]);
+  }
+  /// What `other`, a cell of the shard `its`, was given counts as given to `cell`.
+  void take_contributions(Cell& cell, const Shard& its, const Cell& other);
 
  private:
+  void accumulate(Cell& cell, const Measurement& m, uint16_t scan);
   size_t slot_of(uint64_t key) const;
   Block& block(uint64_t key);
   void enlarge_table();

@@ -51,6 +51,27 @@ float noise_of_w(const RangeSurface& s) {
   return 1.4826f / std::sqrt(6.0f) * median_of(differences);
 }
 
+/// RangeSurface::noise_scale, from second differences along rows, each seen along its own normal: on faces at
+/// a slant the depth scatters by more than the surface does.
+double noise_along_normals(const RangeSurface& s) {
+  std::vector<float> differences;
+  const int row_step = std::max(1, s.height / 200);
+  for (int row = 0; row < s.height; row += row_step)
+    for (int c = 1; c + 1 < s.width; ++c) {
+      const size_t i = s.index(c, row);
+      if (s.w[i - 1] == 0 || s.w[i] == 0 || s.w[i + 1] == 0) continue;
+      const Eigen::Vector3f normal = unpack_normal(s.normals[i]);
+      const Eigen::Vector2f ray = s.rays.ray(c, row).cast<float>();
+      // Of the depth 1 / w the share along the normal, over the squared distance: both with x^2 + y^2 + 1.
+      const float along =
+          s.rays.central
+              ? std::abs(normal.x() * ray.x() + normal.y() * ray.y() + normal.z()) / (ray.squaredNorm() + 1)
+              : std::abs(normal.z());
+      differences.push_back(along * std::abs(s.w[i - 1] - 2 * s.w[i] + s.w[i + 1]));
+    }
+  return 1.4826 / std::sqrt(6.0) * median_of(differences);
+}
+
 /// Width of a pixel at depth coordinate w, in units of w: how much w changes over a depth of one pitch.
 struct Pitch {
   bool central;
@@ -254,7 +275,7 @@ RangeSurface make_range_surface(const TaggedScan& tagged, const PreprocessOption
       options.normal_window_px > 0 ? options.normal_window_px : window_for(noise_mm, pitch_mm);
   s.dropped_edges += fit_normals(s, pitch, sigma_w, s.normal_window_px, options.min_window_fill);
   s.noise_mm = std::max(noise_mm, 1e-6);
-  s.noise_scale = s.rays.central ? s.noise_mm / (depth * depth) : s.noise_mm;
+  s.noise_scale = noise_along_normals(s);
   for (const unsigned char flag : s.flags) s.usable += (flag & RangeSurface::kUsable) != 0;
   if (s.usable < kMinPoints) throw too_few(s.usable);
   // In a grid of our own nothing is left of cropped points, and where they begin is no edge.

@@ -6,6 +6,7 @@
 #include "alignment/defect_mask.h"
 #include "alignment/global_search.h"
 #include "alignment/patch_covariance.h"
+#include "alignment/scan_influence.h"
 #include "alignment/tessellation.h"
 #include "alignment/words.h"
 #include "gantry/foundation/error.h"
@@ -58,6 +59,7 @@ void state_uncertainty(const AlignmentSamples& samples, const std::vector<Pair>&
     result.held_covariance = std::max(1.0, beyond) * to_twist * motions.held * narrow *
                              motions.held.transpose() * to_twist.transpose();
   }
+  result.scan_influence = scan_influence(samples, pairs, masked, equations, motions, frame);
   result.covariance = result.held_covariance + to_twist * motions.free * frame.lever_mm * frame.lever_mm *
                                                    motions.free.transpose() * to_twist.transpose();
 }

@@ -1,3 +1,5 @@
+#include <tbb/parallel_for.h>
+
 #include <Eigen/SVD>
 #include <cmath>
 #include <numbers>
@@ -75,6 +77,32 @@ void require_complete(const Frame& frame, const DatumSet& set, const FitFrame& f
   throw InputError("datums '" + set.name + "': " + names + " leave open: " + open.free_text());
 }
 
+/// As AlignmentResult has it: what becomes of the motion when each scan's pose is wrong a little.
+template <typename Motion>
+std::vector<Matrix6d> influence_of_scans(const CloudSources& sources, const std::vector<Pair>& pairs,
+                                         const Motion& motion_of) {
+  constexpr double kTurn = 1e-5, kShift_mm = 1e-3;
+  const Vector6d as_it_is = motion_of(pairs);
+  std::vector<Matrix6d> influence(sources.scans.size());
+  tbb::parallel_for(size_t{0}, influence.size(), [&](size_t scan) {
+    for (int k = 0; k < 6; ++k) {
+      const double size = k < 3 ? kTurn : kShift_mm;
+      const Vector6d error = size * Vector6d::Unit(k);
+      std::vector<Pair> wrong = pairs;
+      for (size_t i = 0; i < wrong.size(); ++i)
+        for (const CloudSources::Share& share : sources.of(i)) {
+          if (share.scan != scan) continue;
+          const Eigen::Vector3d moved =
+              share.fraction() * (error.head<3>().cross(pairs[i].point) + error.tail<3>());
+          wrong[i].point += moved;
+          wrong[i].distance += pairs[i].normal.dot(moved);
+        }
+      influence[scan].col(k) = (as_it_is - motion_of(wrong)) / size;
+    }
+  });
+  return influence;
+}
+
 const char* kind_words(DatumKind kind) {
   switch (kind) {
     case DatumKind::kPlane:
@@ -99,21 +127,27 @@ AlignmentResult align_to_datums(const PointCloud& cloud, const SignedDistance& m
     features.push_back(cad_feature(datum, model.mesh(), set.name));
     origins.push_back(features.back().origin);
   }
-  PointCloud near;  // the points that may come to lie in a datum's region
-  for (size_t i = 0; i < cloud.size(); ++i) {
+  std::vector<uint32_t> in_reach;  // the points that may come to lie in a datum's region
+  for (uint32_t i = 0; i < cloud.size(); ++i) {
     const Eigen::Vector3d p = start.cad_from_cloud * cloud.points[i].cast<double>();
     for (const CadFeature& f : features) {
       if ((p - f.datum.position_mm).norm() > 2 * f.size_mm + options.initial_distance_mm) continue;
-      near.points.push_back(cloud.points[i]);
-      if (cloud.has_normals()) near.normals.push_back(cloud.normals[i]);
-      if (cloud.has_sigma()) near.sigma_mm.push_back(cloud.sigma_mm[i]);
+      in_reach.push_back(i);
       break;
     }
   }
+  const PointCloud near = select(cloud, in_reach);
   const std::vector<double> weight = sample_weights(near);
   std::vector<Eigen::Vector3d> vertices;
   for (const auto& v : model.mesh().vertices) vertices.push_back(v.cast<double>());
   const FitFrame fit_frame = frame_of(vertices);
+
+  const auto measure = [&](const std::vector<Pair>& from) {
+    std::vector<FeatureDemand> measured;
+    for (const CadFeature& f : features)
+      measured.push_back(measure_feature(f, from, weight, fit_frame, set.name));
+    return measured;
+  };
 
   result.converged = false;
   result.iterations = 0;
@@ -123,9 +157,7 @@ AlignmentResult align_to_datums(const PointCloud& cloud, const SignedDistance& m
   while (result.iterations < kMostRounds && !result.converged) {
     find_pairs(near, model, result.cad_from_cloud, options.initial_distance_mm,
                std::cos(options.max_angle_rad), pairs);
-    demands.clear();
-    for (const CadFeature& f : features)
-      demands.push_back(measure_feature(f, pairs, weight, fit_frame, set.name));
+    demands = measure(pairs);
     frame = build_frame(demands);
     require_complete(frame, set, fit_frame);
     result.cad_from_cloud = fit_frame.motion(frame.motion) * result.cad_from_cloud;
@@ -135,6 +167,11 @@ AlignmentResult align_to_datums(const PointCloud& cloud, const SignedDistance& m
   result.status = result.converged ? "" : "the datums did not come to rest";
   const Matrix6d to_twist = fit_frame.twist_from_local();
   result.covariance = result.held_covariance = to_twist * frame.covariance * to_twist.transpose();
+  result.scan_influence.clear();
+  if (near.sources)
+    result.scan_influence = influence_of_scans(*near.sources, pairs, [&](const std::vector<Pair>& from) {
+      return Vector6d(to_twist * build_frame(measure(from)).motion);
+    });
   result.free_motions.clear();
   result.datums.clear();
   for (size_t d = 0; d < set.datums.size(); ++d) {

@@ -50,13 +50,9 @@ std::vector<double> sample_weights(const PointCloud& cloud) {
 AlignmentSamples choose_samples(const PointCloud& cloud, size_t count) {
   AlignmentSamples samples;
   const std::vector<uint32_t> order = morton_order(cloud.points);
-  const size_t used = std::min(count, order.size());
-  for (size_t s = 0; s < used; ++s) {
-    const uint32_t i = order[s * order.size() / used];
-    samples.cloud.points.push_back(cloud.points[i]);
-    if (cloud.has_normals()) samples.cloud.normals.push_back(cloud.normals[i]);
-    if (cloud.has_sigma()) samples.cloud.sigma_mm.push_back(cloud.sigma_mm[i]);
-  }
+  std::vector<uint32_t> chosen(std::min(count, order.size()));
+  for (size_t s = 0; s < chosen.size(); ++s) chosen[s] = order[s * order.size() / chosen.size()];
+  samples.cloud = select(cloud, chosen);
   samples.weight = sample_weights(samples.cloud);
   samples.neighbours = neighbours_of(samples.cloud.points);
   return samples;

@@ -5,14 +5,13 @@
 #include <numbers>
 
 #include "report/charts.h"
+#include "report/defect_tables.h"
 #include "report/page_parts.h"
 #include "report/text.h"
 #include "report/web_files.h"
 
 namespace gantry::report {
 namespace {
-
-constexpr size_t kMostDefectRows = 100;
 
 /// "2026-05-04T10:20:30Z" with a space instead of the T.
 std::string date_text(std::string created) {
@@ -92,57 +91,6 @@ std::string deviation_views(const PageContent& c, const ColourScale& colours) {
   return html + "</div></section>\n";
 }
 
-std::string vector_text(const Eigen::Vector3d& v) {
-  return fixed(v.x(), 1) + "&ensp;" + fixed(v.y(), 1) + "&ensp;" + fixed(v.z(), 1);
-}
-
-std::string certainty_chip(const Defect& d) {
-  return d.certain ? "<span class=\"chip yes\">certain</span>" : "<span class=\"chip no\">within U</span>";
-}
-
-std::string defect_table(const PageContent& c) {
-  const auto& defects = c.result.defects;
-  std::string html = "<section><h2>Defects</h2>";
-  if (defects.empty())
-    return html + "<div class=\"none card\">" +
-           (c.result.statistics.count > 0 ? "No region of the judged surface is out of tolerance."
-                                          : "No point was judged, so no defect could be found.") +
-           "</div></section>\n";
-  html +=
-      "<p class=\"lead\">Connected regions out of tolerance, largest deviation first. Positions in the frame "
-      "of the CAD "
-      "model.</p>\n<div class=\"defects card\"><table><thead><tr><th class=\"n\">No.</th><th "
-      "class=\"n\">Peak \u00b1 U<br>mm</th>"
-      "<th class=\"n\">Mean<br>mm</th><th class=\"n\">Area<br>mm\u00b2</th><th class=\"n\">Peak at "
-      "x&ensp;y&ensp;z<br>mm</th>"
-      "<th class=\"n\">Centre x&ensp;y&ensp;z<br>mm</th><th class=\"n\">Extent x&ensp;y&ensp;z<br>mm</th>"
-      "<th class=\"n\">Points</th><th>Certainty</th></tr></thead><tbody>\n";
-  for (size_t i = 0; i < std::min(defects.size(), kMostDefectRows); ++i) {
-    const Defect& d = defects[i];
-    const auto cell = [](const std::string& text) { return "<td class=\"n\">" + text + "</td>"; };
-    html += "<tr id=\"defect-" + std::to_string(d.id) + "\"><td class=\"n no\">" + std::to_string(d.id) +
-            "</td>" + cell("<b>" + with_sign(d.peak_mm, 3) + "</b> \u00b1 " + fixed(d.uncertainty_mm, 3)) +
-            cell(with_sign(d.mean_mm, 3)) + cell(fixed(d.area_mm2, d.area_mm2 < 100 ? 1 : 0)) +
-            cell(vector_text(d.peak_at_mm)) + cell(vector_text(d.centre_mm)) +
-            cell(vector_text(d.extent_mm)) + cell(grouped(d.points)) + "<td>" + certainty_chip(d) +
-            "</td></tr>\n";
-  }
-  html += "</tbody></table></div>\n";
-  if (defects.size() > kMostDefectRows)
-    html += "<p class=\"lead\">" + std::to_string(defects.size() - kMostDefectRows) +
-            " smaller ones are listed in report.json only.</p>\n";
-  html += "<div class=\"close-ups\">";
-  for (size_t i = 0; i < c.close_ups.size(); ++i)
-    html += "<figure class=\"card\"><figcaption><b>" + escaped(c.close_ups[i].name) + "</b><span>" +
-            signed_mm(defects[i].peak_mm) + "</span></figcaption>" +
-            picture_svg(c.close_ups[i], "close-up-" + std::to_string(defects[i].id)) + "</figure>\n";
-  html += "</div>\n";
-  if (defects.size() > c.close_ups.size())
-    html += "<p class=\"lead\">Pictures of the " + std::to_string(c.close_ups.size()) + " largest of " +
-            std::to_string(defects.size()) + " defects.</p>\n";
-  return html + "</section>\n";
-}
-
 std::string traceability(const PageContent& c) {
   std::string html =
       "<section><h2>Traceability</h2><div class=\"panel card\" style=\"margin-top:14px\"><table><tbody>" +
@@ -203,8 +151,8 @@ std::string page(const PageContent& c) {
          std::string(to_string(c.result.verdict)) + " \u00b7 " + escaped(title_of(c)) +
          " \u00b7 inspection report</title>\n<style>" + kPageCss + "</style>\n</head>\n<body>\n<main>\n" +
          heading(c) + verdict(c) + figures(c) + deviation_views(c, colours) + defect_table(c) +
-         cuts_section(c, colours) + coverage_section(c) + distribution_section(c, colours) + traceability(c) +
-         notes(c) +
+         unjudged_tables(c) + cuts_section(c, colours) + coverage_section(c) +
+         distribution_section(c, colours) + traceability(c) + notes(c) +
          "<footer>Gantry inspection report. One file, nothing is loaded from "
          "elsewhere.</footer>\n</main>\n<script>\n" +
          kThemeJs + "</script>\n<script id=\"viewer-data\" type=\"application/json\">" + c.viewer_data +

@@ -57,6 +57,20 @@ std::string alignment_panel(const PageContent& c) {
   return html + "</tbody></table></div>";
 }
 
+/// What the deviations are uncertain by.
+std::string uncertainty_panel(const PageContent& c) {
+  const UncertaintyBudget& u = c.result.budget;
+  return "<div class=\"panel card\"><h3>Uncertainty of a typical deviation</h3><table><tbody>" +
+         row("Expanded (95\u202f%)", "\u00b1" + mm(kCoverageFactor95 * u.combined(), 4)) +
+         row("Standard: noise of the sensor, after smoothing", mm(u.noise, 4)) +
+         row("Poses of the scans, registered",
+             c.result.poses_known ? mm(u.scan_poses, 4) : "not known: the cloud does not name its scans") +
+         row("Alignment to the CAD model", mm(u.alignment, 4)) +
+         row("Sensor, common to neighbouring points", mm(u.sensor, 4)) +
+         "</tbody></table><p class=\"fine\">Medians over the judged points; every point has its own, in "
+         "deviations.ply and in the table of defects.</p></div>\n";
+}
+
 }  // namespace
 
 std::string percent(double fraction, int decimals) {
@@ -230,7 +244,8 @@ std::string distribution_section(const PageContent& c, const ColourScale& colour
       row("Points not judged: fixture", grouped(count_of(c.result, PointClass::kFixture))) +
       row("Points not judged: far from the part", grouped(count_of(c.result, PointClass::kFar))) +
       "</tbody></table></div>\n";
-  return html + alignment_panel(c) + "</div></section>\n";
+  return html + uncertainty_panel(c) + "</div>\n<div class=\"pair\">" + alignment_panel(c) +
+         "</div></section>\n";
 }
 
 }  // namespace gantry::report

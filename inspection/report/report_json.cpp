@@ -36,7 +36,52 @@ Json defect_json(const Defect& d) {
           {"peak_at_mm", vector3(d.peak_at_mm)},
           {"normal", vector3(d.normal)},
           {"points", d.points},
-          {"certain", d.certain}};
+          {"certain", d.certain},
+          {"class", to_string(d.kind)},
+          {"words", d.words},
+          {"face", d.face},
+          {"face_words", d.face_words},
+          {"extra_mm3", d.extra_mm3},
+          {"missing_mm3", d.missing_mm3},
+          {"signed_mean_mm", d.signed_mean_mm},
+          {"mean_uncertainty_mm", d.mean_uncertainty_mm}};
+}
+
+Json unjudged_json(const UnjudgedRegion& u) {
+  Json json{{"class", to_string(u.kind)},
+            {"area_mm2", u.area_mm2},
+            {"centre_mm", vector3(u.centre_mm)},
+            {"extent_mm", vector3(u.extent_mm)},
+            {"normal", vector3(u.normal)}};
+  if (u.kind == DefectClass::kNoData) {
+    json["face"] = u.face;
+    json["face_words"] = u.face_words;
+    json["face_share"] = u.face_share;
+    json["behind_fixture"] = u.behind_fixture;
+  } else {
+    json["points"] = u.points;
+  }
+  return json;
+}
+
+Json surface_json(const std::vector<SurfaceStatistics>& patches) {
+  Json json = Json::array();
+  for (const SurfaceStatistics& s : patches)
+    json.push_back({{"name", s.name},
+                    {"words", s.words},
+                    {"centre_mm", vector3(s.centre_mm)},
+                    {"normal", vector3(s.normal)},
+                    {"area_mm2", s.area_mm2},
+                    {"seen", s.seen},
+                    {"points", s.points},
+                    {"mean_mm", s.mean_mm},
+                    {"sigma_mm", s.sigma_mm},
+                    {"p05_mm", s.p05_mm},
+                    {"p95_mm", s.p95_mm},
+                    {"min_mm", s.min_mm},
+                    {"max_mm", s.max_mm},
+                    {"uncertainty_mm", s.uncertainty_mm}});
+  return json;
 }
 
 Json alignment_json(const AlignmentResult& a) {
@@ -158,9 +203,23 @@ std::string report_json(const InspectionResult& result, const InspectionOptions&
   json["point_classes"] = {{"judged", count(PointClass::kJudged)},
                            {"fixture", count(PointClass::kFixture)},
                            {"far", count(PointClass::kFar)}};
+  const UncertaintyBudget& u = result.budget;
+  json["uncertainty"] = {{"typical_mm", kCoverageFactor95 * u.combined()},
+                         {"coverage", 0.95},
+                         {"noise_sigma_mm", u.noise},
+                         {"scan_poses_sigma_mm", result.poses_known ? Json(u.scan_poses) : Json(nullptr)},
+                         {"alignment_sigma_mm", u.alignment},
+                         {"sensor_sigma_mm", u.sensor}};
   json["alignment"] = alignment_json(result.alignment);
   json["defects"] = Json::array();
   for (const Defect& d : result.defects) json["defects"].push_back(defect_json(d));
+  json["unseen_mm2"] = result.unseen_mm2;
+  json["unseen"] = Json::array();
+  for (const UnjudgedRegion& u : result.unseen) json["unseen"].push_back(unjudged_json(u));
+  json["fixture_regions"] = Json::array();
+  for (const UnjudgedRegion& u : result.fixture_regions) json["fixture_regions"].push_back(unjudged_json(u));
+  json["faces"] = surface_json(result.faces);
+  json["regions"] = surface_json(result.regions);
   json["sections"] = Json::array();
   for (const Section& section : facts.sections)
     json["sections"].push_back(section_json(section, options.tolerance_mm));

@@ -49,6 +49,41 @@ bool same_bytes(const Scan& a, const Scan& b) {
          std::memcmp(a.points.data(), b.points.data(), a.points.size() * sizeof(a.points[0])) == 0;
 }
 
+TEST(Sensor, DistortionIsSmoothAndTheSameInEveryScan) {
+  constexpr double kRms = 0.02;
+  double squares = 0;
+  size_t count = 0;
+  for (uint64_t sensor = 1; sensor <= 30; ++sensor) {
+    SensorModel m = ideal_sensor(60, 40);
+    m.distortion_mm = kRms;
+    m.distortion_seed = sensor;
+    for (const double distance : {380.0, 500.0, 660.0}) {
+      const TriangleMesh wall = plate(2000, 2000, distance);
+      const Scan scan = trace(m, wall, 1, 0);
+      EXPECT_TRUE(same_bytes(scan, trace(m, wall, 2, 1)));  // no noise, and nothing that changes
+      const auto error = [&](int column, int row) {
+        const Eigen::Vector3d r = ray(m, column, row);
+        return scan.points[scan.index(column, row)].cast<double>().norm() - distance / r.z();
+      };
+      for (int row = 0; row < m.height; ++row)
+        for (int column = 0; column < m.width; ++column) {
+          squares += error(column, row) * error(column, row);
+          ++count;
+          // A wave takes the volume's width at the least: pi / 30 of its amplitude from pixel to pixel.
+          if (column > 0) {
+            ASSERT_LT(std::abs(error(column, row) - error(column - 1, row)), 0.25 * 4 * kRms);
+          }
+        }
+    }
+  }
+  EXPECT_NEAR(std::sqrt(squares / static_cast<double>(count)), kRms, 0.15 * kRms);
+  // Another sensor errs otherwise.
+  SensorModel one = ideal_sensor(), other = one;
+  one.distortion_mm = other.distortion_mm = kRms;
+  other.distortion_seed = 2;
+  EXPECT_FALSE(same_bytes(trace(one, plate(2000, 2000, 500)), trace(other, plate(2000, 2000, 500))));
+}
+
 TEST(Sensor, WithoutNoiseItMeasuresThePlane) {
   const SensorModel m = ideal_sensor();
   for (const double turn : {0.0, 0.5, -0.9}) {

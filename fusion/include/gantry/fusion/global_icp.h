@@ -14,7 +14,7 @@ struct GlobalIcpOptions {
   /// Search radius; 0: begins as wide as the tagged poses are uncertain and ends at four point spacings.
   double max_distance_mm = 0;
   double max_deviation_mads = 3;    ///< Rejection by distance: in standard deviations by the MAD of the pair.
-  double max_roughness_sigmas = 3;  ///< Rejection by roughness: spread about the tangent plane, in noise.
+  double max_roughness_sigmas = 4;  ///< Rejection by roughness: spread about the tangent plane, in noise.
   double start_angle_rad = 0.6109;  ///< Rejection by normals: 35 degrees while the radius is wide, ...
   double max_angle_rad = 0.1745;    ///< ... 10 degrees at the end.
   double min_overlap = 0.1;         ///< Pairs predicted to share less (fraction) are left out.

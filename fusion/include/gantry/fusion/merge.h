@@ -44,11 +44,13 @@ struct MergeReport {
 ///    edge and of a wall of any thickness stay apart, since their normals differ.
 ///  - A surface that runs along the border of two cells fills both: two cells that are each other's nearest,
 ///    less than half a cell apart, become one as well; so does what noise threw over the border.
+///  - Which scans a point comes from, and with what weight, is kept (PointCloud::sources); how well these are
+///    placed is not known here.
 ///  - Outliers go: what has no support around, and lone measurements of one scan more than half a cell and
 ///    4 sigma off the surface on which several scans agree, as mixed pixels at depth edges.
 ///
-/// Scans may come one at a time. Memory follows the surface and not the number of scans: about 45 bytes a
-/// cell, and 30 bytes a pixel of one scan. Sums are kept relative to their cell, so that a part may lie
+/// Scans may come one at a time. Memory follows the surface: about 50 bytes a cell, 12 for each scan that
+/// measured it, and 30 bytes a pixel of one scan. Sums are kept relative to their cell, so that a part may lie
 /// metres from the origin. The result, with its order of points, is the same on any number of threads.
 ///
 ///   CloudMerger merger(options);

@@ -84,7 +84,7 @@ struct RangeSurface {
   static constexpr unsigned char kSeen = 4;  ///< Measured, though perhaps dropped: the pixel is not empty.
 
   double spacing_mm = 0;  ///< Median distance of neighbouring points.
-  double noise_mm = 0;    ///< Median standard uncertainty along the normal.
+  double noise_mm = 0;    ///< Median standard uncertainty of the depth, along the viewing direction.
   double noise_scale =
       0;  ///< sigma along the normal = noise_scale * squared distance (central) or noise_scale.
   int normal_window_px = 0;   ///< Half width of the windows in which normals were fitted.

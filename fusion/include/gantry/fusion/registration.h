@@ -58,6 +58,9 @@ struct ScanReport {
 /// The outcome of any method: a pose for each scan, in the order given; the first scan's is kept as tagged.
 struct Registration {
   std::vector<UncertainPose> part_from_sensor;  ///< Covariances relative to the first scan.
+  /// 6 n x 6 n: of all these errors at once, about the part's origin, relative to the first scan; scans that
+  /// are left out count as if nothing held them. Empty: only what each pose says for itself is known.
+  Eigen::MatrixXd joint_covariance;
   std::vector<PairReport> pairs;
   bool converged = false;
   std::string reason;  ///< Why the result is not to be believed; empty: it is.

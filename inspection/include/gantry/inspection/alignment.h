@@ -54,6 +54,10 @@ struct AlignmentResult {
   /// The same without the free motions: what the deviations of points are uncertain by, since a free motion
   /// slides surfaces along themselves.
   Matrix6d held_covariance = Matrix6d::Zero();
+  /// How the alignment follows errors of the scans' poses, when the cloud has sources: minus the sum over
+  /// scans of matrix times the scan's error (a twist in the CAD frame) is the motion that they cause. Empty:
+  /// not known, or nothing was aligned.
+  std::vector<Matrix6d> scan_influence;
   double rms_before_mm = 0;              ///< Over the samples within the initial distance.
   double rms_after_mm = 0;               ///< Over the inliers.
   double inlier_fraction = 0;            ///< Of the samples: those that hold the result.

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cmath>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -11,6 +12,8 @@
 #include "gantry/geometry/signed_distance.h"
 #include "gantry/inspection/alignment.h"
 #include "gantry/inspection/datums.h"
+#include "gantry/inspection/defect_class.h"
+#include "gantry/inspection/surface_statistics.h"
 
 namespace gantry {
 
@@ -33,14 +36,20 @@ struct InspectionOptions {
                                      ///< measured; at least twice the spacing of the points is used.
   double link_distance_mm = 3.0;  ///< Out-of-tolerance points closer than this belong to one defect (the two
                                   ///< faces of a thin wall do, so that a dent is one defect, not two).
-  double min_defect_area_mm2 = 1.0;   ///< Smaller regions are not reported.
-  double min_coverage = 0.5;          ///< Less of the CAD surface seen than this: UNDECIDED.
-  double systematic_sigma_mm = 0.02;  ///< Standard uncertainty common to neighbouring points (registration,
-                                      ///< sensor scale), which averaging does not reduce.
+  double min_defect_area_mm2 = 1.0;  ///< Smaller regions are not reported.
+  double min_coverage = 0.5;         ///< Less of the CAD surface seen than this: UNDECIDED.
+  /// Standard uncertainty of the sensor that neighbouring points of a scan have in common (its calibration,
+  /// optics of the surface), so that smoothing does not reduce it: a quarter of the maximum permissible
+  /// error of its data sheet, say. It is taken as independent from scan to scan.
+  double systematic_sigma_mm = 0.02;
   /// The fixture that held the part, in the frame of the cloud: points nearer to it than to the part,
   /// or within `fixture_margin_mm` of it, are not judged.
   std::optional<TriangleMesh> fixture;
+  /// The same, learned: a scan of the empty fixture, registered and merged, in the frame of the cloud. Points
+  /// of it with few others around them are noise and left out.
+  std::optional<PointCloud> fixture_scan;
   double fixture_margin_mm = 1.0;
+  double min_unseen_area_mm2 = 10;  ///< Smaller pieces of CAD surface without data are not listed one by one.
 };
 
 /// What became of a point of the cloud.
@@ -64,7 +73,14 @@ struct Defect {
   Eigen::Vector3d peak_at_mm;  ///< Where the peak is.
   Eigen::Vector3d normal;      ///< Mean outward normal of the face on which the peak lies.
   size_t points = 0;
-  bool certain = false;  ///< |peak| exceeds the tolerance by more than U.
+  bool certain = false;  ///< |peak| exceeds the tolerance by more than U; never of a registration residue.
+  DefectClass kind = DefectClass::kPartDefect;
+  std::string words;             ///< What it looks like: "dent or bulge through the wall" ...
+  std::string face, face_words;  ///< The CAD face that it lies on, or that is missing: see CadFace.
+  /// Integrals of the deviation over the CAD surface, by sign; of a hole that was not made, what fills it.
+  double extra_mm3 = 0, missing_mm3 = 0;
+  double signed_mean_mm = 0;       ///< Mean deviation ...
+  double mean_uncertainty_mm = 0;  ///< ... and its expanded uncertainty U (95 %); see SurfaceStatistics.
 };
 
 /// Statistics of the judged deviations (mm).
@@ -75,19 +91,46 @@ struct DeviationStatistics {
   double within_tolerance = 0;       ///< Fraction of judged points.
 };
 
+/// What a deviation's uncertainty is made of, independent of each other: standard uncertainties (mm), or
+/// variances (mm^2) where that is said.
+struct UncertaintyBudget {
+  double noise = 0;       ///< Of the sensor, pixel by pixel, after smoothing.
+  double scan_poses = 0;  ///< Of the scans that measured it, as far as the alignment does not take it up.
+  double alignment = 0;   ///< To the CAD model: noise, and what lies off the model by chance.
+  double sensor = 0;      ///< What neighbouring points have in common.
+
+  double combined() const {
+    return std::sqrt(noise * noise + scan_poses * scan_poses + alignment * alignment + sensor * sensor);
+  }
+};
+
+/// Standard uncertainties to each side that hold 95 % of a normal distribution.
+constexpr double kCoverageFactor95 = 1.96;
+
 struct InspectionResult {
   Verdict verdict = Verdict::kUndecided;
   std::string reason;               ///< One sentence for a person.
   AlignmentResult alignment;        ///< Its pose maps the given cloud into the CAD frame.
   PointCloud cloud;                 ///< The given cloud in the CAD frame, same order.
   std::vector<float> deviation_mm;  ///< Per point, smoothed; NaN unless judged. Positive: too much material.
-  std::vector<float> uncertainty_mm;    ///< Per point, standard uncertainty; NaN unless judged.
-  std::vector<int> defect_id;           ///< Per point: 0 none, else Defect::id.
+  /// Per point, standard uncertainty; NaN unless judged. With a probability of 95 % the true deviation lies
+  /// within 1.96 times that of the measured one.
+  std::vector<float> uncertainty_mm;
+  UncertaintyBudget budget;    ///< Of a typical point: medians over the judged ones.
+  bool poses_known = false;    ///< Whether the cloud said which scans it comes from, and how well these lie.
+  std::vector<int> defect_id;  ///< Per point: 0 none, else Defect::id.
   std::vector<PointClass> point_class;  ///< Per point.
   DeviationStatistics statistics;
   double coverage = 0;  ///< Fraction of the CAD surface that was seen.
   std::vector<Defect> defects;
-  MeshTopology topology;     ///< Of the CAD model's mesh.
+  /// Connected pieces of CAD surface that no judged point covers, of at least `min_unseen_area_mm2`, the
+  /// largest first; with the smaller ones they add up to `unseen_mm2`.
+  std::vector<UnjudgedRegion> unseen;
+  double unseen_mm2 = 0;
+  std::vector<UnjudgedRegion> fixture_regions;  ///< What was found of the fixture, the largest first.
+  std::vector<SurfaceStatistics> faces;         ///< Of each smooth face of the CAD model (cad_faces.h).
+  std::vector<SurfaceStatistics> regions;       ///< Of tiles of about equal size, about 70 of them.
+  MeshTopology topology;                        ///< Of the CAD model's mesh.
   size_t beside_border = 0;  ///< Points whose closest CAD surface is the border of its open mesh: not judged.
 };
 

@@ -41,6 +41,10 @@ struct Chain {
   Pose base_from_sensor = Pose::Identity();
   double sensor_position_sigma_mm = 0;   ///< Of the calibrated mounting, each axis.
   double sensor_rotation_sigma_rad = 0;  ///< About each axis through the sensor's origin.
+  /// Of a measured point, common to its neighbours: what the sensor's own calibration leaves over. Every view
+  /// sees the part through another part of the measuring volume, so that it displaces and turns each scan
+  /// anew.
+  double sensor_systematic_sigma_mm = 0;
 
   Pose base_from_part(std::span<const double> q) const;
   Pose part_from_sensor(std::span<const double> q) const;
@@ -48,7 +52,8 @@ struct Chain {
   /// d(error of part_from_sensor)/dq, 6 x n; errors as in UncertainPose (target frame).
   Eigen::Matrix<double, 6, Eigen::Dynamic> joint_jacobian(std::span<const double> q) const;
 
-  /// Forward kinematics with first-order covariance: repeatability makes the independent part. Columns of
+  /// Forward kinematics with first-order covariance: repeatability and the sensor's systematic
+  /// error make the independent part. Columns of
   /// the shared factor, where the sigma is not zero: of each joint two tilts of the direction and
   /// (revolute) two shifts of the axis; then rotations and shifts of the sensor, x y z each.
   UncertainPose uncertain_part_from_sensor(std::span<const double> q) const;

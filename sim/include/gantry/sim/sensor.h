@@ -27,6 +27,10 @@ struct SensorModel {
   double mixed_pixel_probability = 0.3;
   /// A depth step: what neighbours hit lies further than this, along the ray, off each other's tangent plane.
   double mixed_pixel_step_mm = 1.0;
+  /// What calibration leaves over: a range error that is the same in every scan, smooth over the measuring
+  /// volume (waves of half its width and more), with this root mean square. Which, says the seed.
+  double distortion_mm = 0;
+  uint64_t distortion_seed = 1;
   double dropout_probability = 0.002;  ///< Of any pixel; rises to 1 between 60 degrees and max_incidence.
 
   double focal_x_px() const;

@@ -1,34 +1,20 @@
-#include "defects.h"
+#include "defects/find_defects.h"
 
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
 #include <cmath>
-#include <map>
+#include <limits>
 #include <numbers>
-#include <numeric>
-#include <set>
 
+#include "defects/classify.h"
+#include "defects/residue.h"
 #include "gantry/geometry/point_index.h"
 
 namespace gantry::internal {
 namespace {
 
 constexpr size_t kPeakNeighbours = 3;
-
-/// Union-find.
-class Groups {
- public:
-  explicit Groups(size_t n) : parent_(n) { std::iota(parent_.begin(), parent_.end(), size_t{0}); }
-  size_t root(size_t i) {
-    while (parent_[i] != i) i = parent_[i] = parent_[parent_[i]];
-    return i;
-  }
-  void join(size_t a, size_t b) { parent_[std::max(root(a), root(b))] = std::min(root(a), root(b)); }
-
- private:
-  std::vector<size_t> parent_;
-};
 
 /// Which of +-x, +-y, +-z a point's normal is nearest to, as 0 to 5.
 size_t main_direction(const PointCloud& cloud, size_t i) {
@@ -37,29 +23,6 @@ size_t main_direction(const PointCloud& cloud, size_t i) {
   Eigen::Index axis;
   n.cwiseAbs().maxCoeff(&axis);
   return static_cast<size_t>(2 * axis + (n[axis] < 0));
-}
-
-/// Area that points with normals sample: occupied cells of a grid across each point's main direction,
-/// each counted with the tilt of its surface. `cell_mm` should exceed the points' spacing.
-double sampled_area(const PointCloud& cloud, const std::vector<size_t>& members, double cell_mm) {
-  std::map<std::array<int, 5>, double> cells;
-  for (size_t i : members) {
-    const Eigen::Vector3f n = cloud.has_normals() ? cloud.normals[i] : Eigen::Vector3f::UnitZ();
-    Eigen::Index axis;
-    n.cwiseAbs().maxCoeff(&axis);
-    const Eigen::Vector3f& p = cloud.points[i];
-    const auto cell = [&](Eigen::Index k) { return static_cast<int>(std::floor(p[k] / cell_mm)); };
-    // Along the main direction the layers are coarse: they only tell one wall from the next.
-    const int layer = static_cast<int>(std::floor(p[axis] / (4 * cell_mm)));
-    cells.try_emplace(
-        {static_cast<int>(axis), n[axis] < 0, cell((axis + 1) % 3), cell((axis + 2) % 3), layer},
-        cell_mm * cell_mm / std::max(0.5f, std::abs(n[axis])));
-  }
-  double area = 0;
-  std::set<std::array<int, 4>> counted;
-  for (const auto& [key, cell_area] : cells)
-    if (counted.insert({key[0], key[1], key[2], key[3]}).second) area += cell_area;
-  return area;
 }
 
 /// The largest deviation around a point, on its tangent plane and no further away than its neighbours are.
@@ -138,57 +101,76 @@ Peak find_peak(const InspectionResult& result, const LocalSurface& surface, cons
   return {candidates[c], median(std::move(climbed))};
 }
 
+/// Who measured each point, and what residue is told by.
+class Residue {
+ public:
+  explicit Residue(const DefectScene& scene) : sources_(scene.sources) {
+    if (!sources_ || sources_->scans.size() < 2) return;
+    const size_t n = scene.feet.point.size();
+    normals_.assign(n, Eigen::Vector3f::Zero());
+    deviation_.assign(n, std::numeric_limits<float>::quiet_NaN());
+    scan_.assign(n, kManyScans);
+    tbb::parallel_for(size_t{0}, n, [&](size_t i) {
+      if (scene.feet.triangle[i] < 0) return;
+      normals_[i] = scene.foot_normal(i);
+      // As it was measured: smoothing mixes the scans.
+      deviation_[i] = (scene.result.cloud.points[i] - scene.feet.point[i]).dot(normals_[i]);
+      for (const CloudSources::Share& share : sources_->of(i))
+        if (share.fraction() >= kOwnShare) scan_[i] = share.scan;
+    });
+    finder_.emplace(ScanDeviations{scene.feet.point, normals_, deviation_, scan_},
+                    scene.options.tolerance_mm);
+  }
+
+  void judge(Defect& defect, const std::vector<size_t>& members) const {
+    const auto scan = finder_ ? finder_->scan_that_explains(members) : std::nullopt;
+    if (!scan) return;
+    defect.kind = DefectClass::kRegistrationResidue;
+    defect.certain = false;
+    defect.words = "scan " + sources_->scans[*scan] + " lies off the others, which find the surface good";
+  }
+
+ private:
+  static constexpr double kOwnShare = 0.6;  ///< A point is a scan's own with so much of it.
+
+  const CloudSources* sources_;  ///< Null: not known.
+  std::vector<Eigen::Vector3f> normals_;
+  std::vector<float> deviation_;
+  std::vector<uint16_t> scan_;
+  std::optional<ResidueFinder> finder_;
+};
+
 }  // namespace
 
 void find_defects(InspectionResult& result, const LocalSurface& surface, const SignedDistance& reference,
-                  const InspectionOptions& options) {
+                  const CadFaces& cad, const JudgedFeet& feet, const CoverageSamples& samples,
+                  const InspectionOptions& options, const CloudSources* sources) {
   const PointCloud& cloud = result.cloud;
-  std::vector<size_t> out;
-  for (size_t i = 0; i < cloud.size(); ++i)
-    if (std::abs(result.deviation_mm[i]) > options.tolerance_mm) out.push_back(i);  // NaN compares false
-
-  // Coarse cells with a third of the linking distance: cells whose centres are within it are joined.
-  const double cell_mm = options.link_distance_mm / 3;
-  std::map<std::array<int, 3>, std::vector<size_t>> cells;
-  for (size_t i : out) {
-    std::array<int, 3> key;
-    for (int k = 0; k < 3; ++k) key[k] = static_cast<int>(std::floor(cloud.points[i][k] / cell_mm));
-    cells[key].push_back(i);
-  }
-  std::map<std::array<int, 3>, size_t> number;
-  for (const auto& [key, members] : cells) number.emplace(key, number.size());
-  Groups groups(cells.size());
-  for (const auto& [key, n] : number) {
-    for (int dx = -3; dx <= 3; ++dx)
-      for (int dy = -3; dy <= 3; ++dy)
-        for (int dz = -3; dz <= 3; ++dz) {
-          if (dx * dx + dy * dy + dz * dz > 9) continue;
-          const auto other = number.find({key[0] + dx, key[1] + dy, key[2] + dz});
-          if (other != number.end()) groups.join(n, other->second);
-        }
-  }
-  std::map<size_t, std::vector<size_t>> regions;
-  for (const auto& [key, members] : cells) {
-    auto& region = regions[groups.root(number.at(key))];
-    region.insert(region.end(), members.begin(), members.end());
-  }
-
+  const DefectScene scene{result, surface, reference, cad, feet, samples, options, sources};
   std::vector<std::pair<Defect, std::vector<size_t>>> found;
-  for (auto& [root, members] : regions) {
+  std::vector<std::vector<size_t>> regions = regions_out_of_tolerance(scene);
+  std::optional<Residue> residue;
+  if (!regions.empty()) residue.emplace(scene);
+  for (auto& members : regions) {
     Defect defect;
+    const RegionExtent extent = measure_region(scene, members);
     defect.points = members.size();
-    defect.area_mm2 = sampled_area(cloud, members, 0.5);
+    defect.area_mm2 = extent.area_mm2;
+    defect.extra_mm3 = extent.extra_mm3;
+    defect.missing_mm3 = extent.missing_mm3;
     if (defect.area_mm2 < options.min_defect_area_mm2) continue;
     Eigen::Vector3d sum = Eigen::Vector3d::Zero();
     Eigen::AlignedBox3d box;
     std::array<Eigen::Vector3d, 6> facing;
     facing.fill(Eigen::Vector3d::Zero());
-    double magnitudes = 0;
+    double magnitudes = 0, deviations = 0, uncertainties = 0;
     for (size_t i : members) {
       const Eigen::Vector3d p = cloud.points[i].cast<double>();
       sum += p;
       box.extend(p);
       magnitudes += std::abs(result.deviation_mm[i]);
+      deviations += result.deviation_mm[i];
+      uncertainties += result.uncertainty_mm[i];
       if (cloud.has_normals()) {
         facing[main_direction(cloud, i)] += cloud.normals[i].cast<double>();
       }
@@ -197,12 +179,16 @@ void find_defects(InspectionResult& result, const LocalSurface& surface, const S
     defect.centre_mm = sum / count;
     defect.extent_mm = box.sizes();
     defect.mean_mm = magnitudes / count;
+    defect.signed_mean_mm = deviations / count;
+    defect.mean_uncertainty_mm = kCoverageFactor95 * uncertainties / count;
     const Peak peak = find_peak(result, surface, reference, options, members);
     defect.peak_mm = peak.deviation;
     defect.peak_at_mm = cloud.points[peak.point].cast<double>();
-    defect.uncertainty_mm = 2.0 * result.uncertainty_mm[peak.point];
+    defect.uncertainty_mm = kCoverageFactor95 * result.uncertainty_mm[peak.point];
     defect.normal = facing[main_direction(cloud, peak.point)].stableNormalized();
     defect.certain = std::abs(defect.peak_mm) > options.tolerance_mm + defect.uncertainty_mm;
+    classify(defect, scene, members);
+    residue->judge(defect, members);
     found.emplace_back(defect, std::move(members));
   }
   std::stable_sort(found.begin(), found.end(), [](const auto& a, const auto& b) {
