@@ -102,6 +102,8 @@ void print_trend(const Series& series, const Trend& trend, const TrendOptions& o
               : trend.beyond_chance ? "OUT OF CONTROL"
                                     : "AS BY CHANCE",
               trend.signalling, std::string(to_string(options.figure)).c_str(), trend.expected_false);
+  if (!trend.furthest.empty())
+    std::printf("  %s lies further out than chance explains\n", trend.furthest.c_str());
   std::printf("  *: drifts (95 %% interval without 0)\n");
 }
 

@@ -140,8 +140,6 @@ void set_limits(ControlChart& chart, const std::vector<size_t>& runs, const Tren
     signal.first = runs[signal.first];
     signal.last = runs[signal.last];
   }
-  std::stable_sort(chart.signals.begin(), chart.signals.end(),
-                   [](const ControlSignal& a, const ControlSignal& b) { return a.first < b.first; });
 }
 
 double false_signal_probability(size_t used, const TrendOptions& options) {

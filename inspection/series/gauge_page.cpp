@@ -43,8 +43,9 @@ std::string table(const Results& results) {
       "95\u202f% interval</th><th class=\"n\">% of study<br>95\u202f% interval</th><th class=\"n\">ndc</th>"
       "<th class=\"n\">Interaction<br>p</th><th>By tolerance</th></tr></thead><tbody>\n";
   for (const GaugeResult* r : results)
-    html += "<tr><td class=\"name\"><b>" + escaped(r->name) + "</b></td>" + cell(escaped(r->words), "text soft") +
-            cell(fixed(r->ev_mm.value, 4)) + cell(fixed(r->av_mm.value, 4)) + cell(fixed(r->pv_mm.value, 4)) +
+    html += "<tr><td class=\"name\"><b>" + escaped(r->name) + "</b></td>" +
+            cell(escaped(r->words), "text soft") + cell(fixed(r->ev_mm.value, 4)) +
+            cell(fixed(r->av_mm.value, 4)) + cell(fixed(r->pv_mm.value, 4)) +
             cell(estimate_text(r->percent_tolerance, 1)) + cell(estimate_text(r->percent_study, 1)) +
             cell(fixed(r->ndc.value, 0)) +
             cell(r->interaction.freedoms > 0 ? fixed(r->interaction_p, 2) + (r->pooled ? " pooled" : "")

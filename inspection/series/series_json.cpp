@@ -123,6 +123,7 @@ std::string trend_json(const Series& series, const Trend& trend, const TrendOpti
             {"signalling", trend.signalling},
             {"expected_false", trend.expected_false},
             {"beyond_chance", trend.beyond_chance},
+            {"furthest", trend.furthest},
             {"warnings", series.warnings},
             {"runs", Json::array()},
             {"faces", Json::array()},

@@ -75,13 +75,15 @@ void judge(Trend& trend, const Series& series) {
     for (const ControlChart& chart : *charts) {
       trend.signalling += !chart.in_control();
       values += static_cast<double>(chart.used);
-      least = std::min(least, extreme_probability(chart, series));
+      const double extreme = extreme_probability(chart, series);
+      if (extreme < least) least = extreme, trend.furthest = chart.name;
     }
+  if (values * least >= 0.01) trend.furthest.clear();
   // So many or more, of a Poisson variable: by chi-square (Abramowitz and Stegun 26.4.21).
   const bool too_many =
       trend.signalling > 0 &&
       series::chi_square_below(2 * trend.expected_false, 2 * static_cast<double>(trend.signalling)) < 0.025;
-  trend.beyond_chance = too_many || (trend.signalling > 0 && values * least < 0.01);
+  trend.beyond_chance = too_many || !trend.furthest.empty();
 }
 
 }  // namespace

@@ -64,8 +64,9 @@ std::string table(const Charts& charts, size_t most) {
     const ControlChart& c = *charts[i];
     Estimate drift = c.drift.per_run_mm;
     for (double* v : {&drift.value, &drift.low, &drift.high}) *v *= 1000;
-    html += "<tr><td class=\"name\"><b>" + escaped(c.name) + "</b></td>" + cell(escaped(c.words), "text soft") +
-            cell(with_sign(c.centre_mm, 4)) + cell(fixed(c.sigma_mm, 4)) + cell(fixed(c.uncertainty_mm, 4)) +
+    html += "<tr><td class=\"name\"><b>" + escaped(c.name) + "</b></td>" +
+            cell(escaped(c.words), "text soft") + cell(with_sign(c.centre_mm, 4)) +
+            cell(fixed(c.sigma_mm, 4)) + cell(fixed(c.uncertainty_mm, 4)) +
             cell(estimate_text(c.capability.cpk, 2)) + cell(estimate_text(c.capability.ppk, 2)) +
             cell(estimate_text(drift, 2)) + "<td>" + chips(c) + "</td></tr>\n";
   }
@@ -97,9 +98,10 @@ std::string section(const std::string& title, const std::string& lead, const std
 
 series::Banner banner_of(const Trend& trend) {
   const size_t charts = trend.faces.size() + trend.regions.size();
-  const std::string chance = std::to_string(trend.signalling) + " of " + std::to_string(charts) +
-                             " control charts show a signal; by chance alone about " +
-                             fixed(trend.expected_false, 1) + " would.";
+  std::string chance = std::to_string(trend.signalling) + " of " + std::to_string(charts) +
+                       " control charts show a signal; by chance alone about " +
+                       fixed(trend.expected_false, 1) + " would.";
+  if (!trend.furthest.empty()) chance += " But " + trend.furthest + " lies further out than chance explains.";
   if (trend.signalling == 0)
     return {"pass", "IN CONTROL",
             "None of the " + std::to_string(charts) +

@@ -101,7 +101,7 @@ TEST_F(TrendCommand, AGaugeStudy) {
   EXPECT_EQ(json["faces"][0]["reproducibility_mm"], nullptr);
   write_text(folder_ / "GAUGE.yaml", replaced(text, "run-14, part: B", "run-14, part: C"));
   refused(run_program("gantry-fusion", {"trend", "--gauge", gauge}),
-          {"two parts", "part C", "equally often"});
+          {"two parts", "part A has 4 runs where part B has 3", "equally often"});
   write_text(folder_ / "GAUGE.yaml", replaced(text, "run-14", "run-99"));
   refused(run_program("gantry-fusion", {"trend", "--gauge", gauge}), {"run-99", "no such run"});
 }

@@ -129,7 +129,7 @@ TEST(Trend, AShiftAndADriftAreFound) {
   const ControlChart shifted = chart_of(values, {.rules = ControlRules::kLimits, .baseline = 20});
   ASSERT_FALSE(shifted.in_control());
   EXPECT_EQ(shifted.baseline, 20u);
-  EXPECT_EQ(shifted.signals.back().last, 29u);
+  EXPECT_EQ(shifted.signals.front().last, 29u);
 
   values = normal_values(30, 0, 0.01, 6);
   EXPECT_FALSE(chart_of(values).drift.significant);
@@ -232,6 +232,7 @@ TEST(Trend, AValueFarOutIsNoChanceAndSteadyChartsAreNoAlarm) {
   const Trend trend = analyse_trend(series_of(values), {});
   EXPECT_EQ(trend.signalling, 1u);
   EXPECT_TRUE(trend.beyond_chance);
+  EXPECT_EQ(trend.furthest, "plane 1");
   // Runs that agree to the last digit, and then one that does not.
   values.assign(20, 0.01);
   EXPECT_TRUE(analyse_trend(series_of(values), {}).faces[0].in_control());

@@ -103,8 +103,8 @@ struct ControlChart {
   size_t used = 0, baseline = 0;       ///< Runs that count; of them, those that the limits come from.
   double centre_mm = 0, sigma_mm = 0;  ///< Mean of the baseline; mean moving range / 1.128.
   double lower_mm = 0, upper_mm = 0, range_mean_mm = 0, range_upper_mm = 0;
-  double uncertainty_mm = 0;  ///< Of a value, root mean square over the runs; NaN: not told.
-  std::vector<ControlSignal> signals;
+  double uncertainty_mm = 0;           ///< Of a value, root mean square over the runs; NaN: not told.
+  std::vector<ControlSignal> signals;  ///< Rule by rule, the limits first.
   Capability capability;
   Drift drift;
   bool in_control() const { return signals.empty(); }
@@ -125,6 +125,7 @@ struct Trend {
   /// More charts signal than chance makes (once in 40 times), or a value lies so far out that chance makes it
   /// once in 100 such trends. False although charts signal: as much as is to be expected of so many.
   bool beyond_chance = false;
+  std::string furthest;  ///< Which chart has that value; empty: none lies so far out.
 };
 
 /// One chart for every face and region that at least two of the runs that count have seen. Throws InputError
