@@ -9,6 +9,8 @@
 #include <cstdio>
 #include <optional>
 
+#include "gantry/geometry/mesh_file.h"
+
 namespace gantry {
 namespace {
 
@@ -18,7 +20,7 @@ std::atomic<bool> g_stop{false};
 
 void add_common_options(CLI::App& app, CommonOptions& options) {
   app.fallthrough();  // common options may also follow a subcommand
-  app.set_version_flag("--version", "gantry " GANTRY_VERSION);
+  app.set_version_flag("--version", "gantry " GANTRY_VERSION "\nSTEP files: " + step_support());
   app.add_option("--log-level", options.log_level, "trace, debug, info, warn, error or off")
       ->check(CLI::IsMember({"trace", "debug", "info", "warn", "error", "off"}))
       ->capture_default_str();

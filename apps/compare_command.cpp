@@ -11,8 +11,10 @@
 #include <vector>
 
 #include "gantry/geometry/mesh_file.h"
+#include "gantry/geometry/mesh_topology.h"
 #include "gantry/geometry/point_cloud_file.h"
 #include "gantry/inspection/distances.h"
+#include "reference_mesh.h"
 
 namespace gantry {
 namespace {
@@ -121,6 +123,12 @@ std::string remarks_on(const DistanceResult& r) {
     std::snprintf(text, sizeof text, "; wrong by %.4g mm at most", r.error_bound_mm);
     remarks += text;
   }
+  if (r.beside_border > 0) {
+    std::snprintf(text, sizeof text,
+                  "%s%zu points lie beside the border of the mesh: their sign means little",
+                  remarks.empty() ? "" : "; ", r.beside_border);
+    remarks += text;
+  }
   if (r.metric == Metric::kM3c2) {
     const Detection d = detection_of(r);
     std::snprintf(text, sizeof text, "; mean LOD95 %.4g mm, exceeded by %.1f %% of %zu points",
@@ -130,11 +138,16 @@ std::string remarks_on(const DistanceResult& r) {
   return remarks;
 }
 
+std::string mesh_words(const SignedDistance& mesh) {
+  return std::to_string(mesh.mesh().triangles.size()) + " triangles, " + analyse_topology(mesh.mesh()).text();
+}
+
 void print_table(const std::vector<DistanceResult>& results, const Options& o, const PointCloud& compared,
                  const DistanceReference& reference) {
-  std::printf("\n  A  %s, %zu points\n  B  %s, %s%zu points\n\n", o.compared.c_str(), compared.size(),
+  std::printf("\n  A  %s, %zu points\n  B  %s, %s%zu points\n%s", o.compared.c_str(), compared.size(),
               o.reference.c_str(), reference.mesh() ? "mesh; for metrics between clouds sampled at " : "",
-              reference.cloud().size());
+              reference.cloud().size(), reference.mesh() ? "" : "\n");
+  if (reference.mesh()) std::printf("     %s\n\n", mesh_words(*reference.mesh()).c_str());
   std::printf("  %-20s  %12s       %10s  %10s  %10s  %10s   %s\n", "metric", "value", "mean", "sigma", "p95",
               "max", "what the value is");
   for (const DistanceResult& r : results) {
@@ -169,6 +182,12 @@ nlohmann::json json_of(const std::vector<DistanceResult>& results, const Options
                         {"registration_mm", o.distances.registration_mm}}},
                       {"software", "gantry " GANTRY_VERSION},
                       {"metrics", nlohmann::json::array()}};
+  if (const SignedDistance* mesh = reference.mesh()) {
+    const MeshTopology topology = analyse_topology(mesh->mesh());
+    json["reference"]["mesh"] = {{"triangles", mesh->mesh().triangles.size()},
+                                 {"watertight", topology.watertight()},
+                                 {"words", topology.text()}};
+  }
   for (const DistanceResult& r : results) {
     const DistanceSummary& s = r.summary;
     nlohmann::json metric{{"name", to_string(r.metric)},
@@ -186,6 +205,7 @@ nlohmann::json json_of(const std::vector<DistanceResult>& results, const Options
                             {"p05", s.p05},
                             {"p50", s.p50},
                             {"p95", s.p95}}}};
+    if (r.metric == Metric::kCloudToMesh) metric["points_beside_border"] = r.beside_border;
     if (r.metric == Metric::kEarthMovers) metric["error_bound_mm"] = r.error_bound_mm;
     if (r.metric == Metric::kM3c2) {
       const Detection d = detection_of(r);
@@ -210,6 +230,16 @@ void write_ply(const std::filesystem::path& path, const PointCloud& cloud,
   write_point_cloud(path, cloud, fields);
 }
 
+/// There is no verdict here that a wrong unit could spoil, and a patch may be compared with the whole: a
+/// warning.
+void question_sizes(const Options& o, const PointCloud& compared, const DistanceReference& reference) {
+  const SizedFile a{o.compared.filename().string(), bulk_size(compared.points), o.unit, "--unit"};
+  const SizedFile b{o.reference.filename().string(), bulk_size(reference.cloud().points), o.reference_unit,
+                    "--reference-unit"};
+  const std::string question = questioned_sizes(a, b, 5);
+  if (!question.empty()) spdlog::warn("{}", question);
+}
+
 }  // namespace
 
 struct CompareCommand::Impl {
@@ -229,7 +259,8 @@ CompareCommand::CompareCommand(CLI::App& app) : impl_(std::make_unique<Impl>()) 
       "0.02");
   command->add_option("A", o.compared, "The compared cloud (PLY or PCD)")->required();
   command
-      ->add_option("B", o.reference, "The reference: a cloud (PLY, PCD) or a mesh (STL, OBJ, PLY with faces)")
+      ->add_option("B", o.reference,
+                   "The reference: a cloud (PLY, PCD) or a mesh (STL, OBJ, STEP, PLY with faces)")
       ->required();
   std::vector<std::string> names = {"all"};
   for (const Metric m : all_metrics()) names.emplace_back(to_string(m));
@@ -265,11 +296,11 @@ CompareCommand::CompareCommand(CLI::App& app) : impl_(std::make_unique<Impl>()) 
       ->add_option("--samples", o.samples,
                    "Points drawn from a mesh B for metrics between clouds; default: as many as A has")
       ->check(CLI::Range(4, 100'000'000));
-  command->add_option("--unit", o.unit, "Unit of A: mm or m; results are in mm")
-      ->check(CLI::IsMember({"mm", "m"}))
+  command->add_option("--unit", o.unit, "Unit of A; results are in mm")
+      ->check(CLI::IsMember(length_units()))
       ->capture_default_str();
-  command->add_option("--reference-unit", o.reference_unit, "Unit of B: mm or m")
-      ->check(CLI::IsMember({"mm", "m"}))
+  command->add_option("--reference-unit", o.reference_unit, "Unit of B; a STEP file states its own")
+      ->check(CLI::IsMember(length_units()))
       ->capture_default_str();
   command->add_option("--json", o.json, "File for the results");
   command->add_option(
@@ -288,13 +319,13 @@ ExitCode CompareCommand::run() const {
   const Options& o = impl_->options;
   require_writable("--json", o.json);
   require_writable("--ply", o.ply);
-  const auto in_mm = [](const std::string& unit) { return unit == "m" ? 1000.0 : 1.0; };
-  const PointCloud compared = read_cloud(o.compared, in_mm(o.unit));
+  const PointCloud compared = read_cloud(o.compared, millimetres_in(o.unit));
   const bool mesh = holds_triangles(o.reference);
   const DistanceReference reference =
-      mesh ? DistanceReference(read_mesh(o.reference, in_mm(o.reference_unit)),
+      mesh ? DistanceReference(read_reference(o.reference, o.reference_unit, "--reference-unit", true).mesh,
                                o.samples > 0 ? o.samples : compared.size())
-           : DistanceReference(read_cloud(o.reference, in_mm(o.reference_unit)));
+           : DistanceReference(read_cloud(o.reference, millimetres_in(o.reference_unit)));
+  question_sizes(o, compared, reference);
   const auto results = compare(compared, reference, metrics_of(o, mesh), o.distances);
   print_table(results, o, compared, reference);
   if (!o.json.empty()) {

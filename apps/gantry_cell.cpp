@@ -16,9 +16,9 @@
 #include "gantry/foundation/file_hash.h"
 #include "gantry/fusion/fusion.h"
 #include "gantry/fusion/registration_json.h"
-#include "gantry/geometry/mesh_file.h"
 #include "inspection_step.h"
 #include "progress.h"
+#include "reference_mesh.h"
 
 namespace {
 
@@ -29,6 +29,7 @@ struct RunCommand {
   std::optional<std::filesystem::path> reference, part;
   uint64_t seed = 1;
   size_t allowed_left_out = 0;
+  std::string reference_unit = "mm";
   bool resume = false, json = false;
 };
 
@@ -42,6 +43,7 @@ std::map<std::string, std::string> run_facts(const RunCommand& command, const Ce
   facts["cell sha256"] = sha256_of_file(command.cell);
   facts["plan sha256"] = sha256_of_file(command.plan);
   if (command.reference) facts["reference sha256"] = sha256_of_file(*command.reference);
+  if (command.reference && command.reference_unit != "mm") facts["reference unit"] = command.reference_unit;
   facts["calibration"] = cell.calibration_id;
   facts["software"] = "gantry " GANTRY_VERSION;
   return facts;
@@ -123,9 +125,13 @@ ExitCode run(const RunCommand& command) {
   install_stop_handler();
   const Cell cell = read_cell(command.cell);
   const Plan plan = read_plan(command.plan, cell);
-  std::optional<TriangleMesh> reference, fixture;
-  if (command.reference) reference = read_mesh(*command.reference);
-  if (!cell.fixture.empty()) fixture = read_mesh(cell.fixture);
+  std::optional<ReferenceMesh> reference;
+  std::optional<TriangleMesh> fixture;
+  if (command.reference) {
+    reference = read_reference(*command.reference, command.reference_unit, "--reference-unit", true);
+    require_size_for_tolerance(reference->sized, plan.tolerance_mm);
+  }
+  if (!cell.fixture.empty()) fixture = read_reference(cell.fixture, "mm", "", false).mesh;
 
   SteadyClock clock;
   CellDevices devices = make_devices(cell, command.part, command.seed, clock);
@@ -135,7 +141,7 @@ ExitCode run(const RunCommand& command) {
   FusionOptions fusion_options;
   fusion_options.joint.allowed_left_out = command.allowed_left_out;
   if (reference) {
-    const Eigen::AlignedBox3f bounds = reference->bounds();
+    const Eigen::AlignedBox3f bounds = reference->mesh.bounds();
     const Eigen::Vector3d margin = Eigen::Vector3d::Constant(plan.crop_margin_mm);
     fusion_options.preprocess.crop_part_mm =
         Eigen::AlignedBox3d(bounds.min().cast<double>() - margin, bounds.max().cast<double>() + margin);
@@ -193,8 +199,17 @@ ExitCode run(const RunCommand& command) {
   inspection.systematic_sigma_mm = cell.chain.sensor_systematic_sigma_mm;
   inspection.fixture = std::move(fixture);
   progress.clear();
-  const ExitCode code = inspect_and_report(fused.merged, *reference, inspection,
-                                           traceability(command, cell, plan, devices, fused),
+  const SizedFile merged{"the merged cloud", bulk_size(fused.merged.points), "mm", ""};
+  // A part that was hardly seen is UNDECIDED; this is no such thing, and must not end in a verdict.
+  constexpr double kDoubtful = 5, kUnmistakable = 16;
+  if (const std::string question = questioned_sizes(merged, reference->sized, kUnmistakable);
+      !question.empty())
+    throw InputError(question);
+  if (const std::string question = questioned_sizes(merged, reference->sized, kDoubtful); !question.empty())
+    spdlog::warn("{}", question);
+  Traceability trace = traceability(command, cell, plan, devices, fused);
+  if (!reference->tessellation.empty()) trace.entries.emplace_back("Tessellation", reference->tessellation);
+  const ExitCode code = inspect_and_report(fused.merged, reference->mesh, inspection, trace,
                                            command.out / "inspection", command.json);
   if (!fused.trusted) {
     spdlog::error("UNDECIDED: {}", fused.reason);
@@ -280,7 +295,12 @@ int main(int argc, char** argv) {
   CLI::App* running = app.add_subcommand("run", "Execute a plan; with --reference also inspect and report");
   running->add_option("--cell", command.cell, "CELL.yaml: axes, sensor, devices")->required();
   running->add_option("--plan", command.plan, "PLAN.yaml: viewpoints and tolerance")->required();
-  running->add_option("--reference", command.reference, "CAD model of the part (STL, PLY, OBJ; mm)");
+  running->add_option("--reference", command.reference, "CAD model of the part (STL, PLY, OBJ, STEP)");
+  running
+      ->add_option("--reference-unit", command.reference_unit,
+                   "Unit of the reference; a STEP file states its own")
+      ->check(CLI::IsMember(length_units()))
+      ->capture_default_str();
   running->add_option("--out", command.out, "Run folder; must be new unless --resume")->required();
   running->add_flag("--resume", command.resume, "Continue an interrupted run in this folder");
   running

@@ -1,4 +1,4 @@
-// Registration, inspection and comparison of scans on disk; needs no device.
+// Registration, inspection and comparison of scans on disk, and series of inspections; needs no device.
 
 #include <spdlog/spdlog.h>
 
@@ -7,10 +7,11 @@
 #include "gantry/acquisition/journal.h"
 #include "gantry/foundation/error.h"
 #include "gantry/foundation/file_hash.h"
-#include "gantry/geometry/mesh_file.h"
 #include "gantry/geometry/point_cloud_file.h"
 #include "inspection_step.h"
+#include "reference_mesh.h"
 #include "register_command.h"
+#include "trend_command.h"
 
 namespace {
 
@@ -21,19 +22,38 @@ struct InspectOptions {
   double tolerance_mm = 0, systematic_sigma_mm = InspectionOptions().systematic_sigma_mm,
          guard_band = InspectionOptions().guard_band;
   std::string align = "best-fit";
-  bool from_any_start = false;
+  bool from_any_start = false, any_size = false;
   std::string unit = "mm", reference_unit = "mm";
   bool json = false;
 };
 
+/// A wrong unit must not end in a verdict on the part.
+void compare_sizes(const InspectOptions& o, const PointCloud& cloud, SizedFile reference,
+                   const InspectionOptions& options) {
+  constexpr double kDoubtful = 3, kUnmistakable = 5;
+  if (options.fixture || options.fixture_scan) reference.name += " with its fixture";
+  if (options.fixture) reference.size_mm = reference.size_mm.cwiseMax(options.fixture->bounds().sizes());
+  if (options.fixture_scan)
+    reference.size_mm = reference.size_mm.cwiseMax(bulk_size(options.fixture_scan->points));
+  const SizedFile sized{o.cloud.filename().string(), bulk_size(cloud.points), o.unit, "--unit"};
+  if (cloud.size() < 100) return;  // too few to be of any size
+  const std::string question = questioned_sizes(sized, reference, kDoubtful);
+  if (question.empty()) return;
+  if (!o.any_size && !questioned_sizes(sized, reference, kUnmistakable).empty())
+    throw InputError(question + " (--any-size: they are right, inspect all the same)");
+  spdlog::warn("{}", question);
+}
+
 ExitCode run_inspect(const InspectOptions& o) {
   require_writable_folder("--out", o.out);
   size_t dropped = 0;
-  const PointCloud cloud = read_point_cloud(o.cloud, o.unit == "m" ? 1000.0 : 1.0, &dropped);
+  const PointCloud cloud = read_point_cloud(o.cloud, millimetres_in(o.unit), &dropped);
   if (dropped > 0)
     spdlog::warn("{}: {} points without finite coordinates were left out", o.cloud.string(), dropped);
-  const TriangleMesh reference = read_mesh(o.reference, o.reference_unit == "m" ? 1000.0 : 1.0);
   InspectionOptions options;
+  const ReferenceMesh reference = read_reference(o.reference, o.reference_unit, "--reference-unit", true);
+  require_size_for_tolerance(reference.sized, o.tolerance_mm);
+  if (!o.fixture.empty()) options.fixture = read_reference(o.fixture, "mm", "", false).mesh;
   options.tolerance_mm = o.tolerance_mm;
   options.guard_band = o.guard_band;
   options.systematic_sigma_mm = o.systematic_sigma_mm;
@@ -44,9 +64,9 @@ ExitCode run_inspect(const InspectOptions& o) {
   if (o.datums.empty() != (o.align != "datum"))
     throw InputError("--align datum and --datums DATUMS.yaml belong together");
   if (!o.datums.empty()) options.datums = read_datums(o.datums);
-  if (!o.fixture.empty()) options.fixture = read_mesh(o.fixture);
   if (!o.fixture_scan.empty())
-    options.fixture_scan = read_point_cloud(o.fixture_scan, o.unit == "m" ? 1000.0 : 1.0);
+    options.fixture_scan = read_point_cloud(o.fixture_scan, millimetres_in(o.unit));
+  compare_sizes(o, cloud, reference.sized, options);
   Traceability trace;
   trace.title = o.reference.stem().string();
   trace.created = utc_now();
@@ -54,6 +74,7 @@ ExitCode run_inspect(const InspectOptions& o) {
                    {"CAD model", o.reference.filename().string() + ", sha256 " + sha256_of_file(o.reference)},
                    {"Alignment", o.align + (o.from_any_start ? ", from any start" : "")},
                    {"Software", "gantry " GANTRY_VERSION}};
+  if (!reference.tessellation.empty()) trace.entries.push_back({"Tessellation", reference.tessellation});
   if (!o.datums.empty())
     trace.entries.push_back(
         {"Datums", o.datums.filename().string() + ", sha256 " + sha256_of_file(o.datums)});
@@ -61,7 +82,7 @@ ExitCode run_inspect(const InspectOptions& o) {
        {std::pair{"Fixture", &o.fixture}, {"Scan of the fixture", &o.fixture_scan}})
     if (!file->empty())
       trace.entries.push_back({name, file->filename().string() + ", sha256 " + sha256_of_file(*file)});
-  return inspect_and_report(cloud, reference, options, trace, o.out, o.json);
+  return inspect_and_report(cloud, reference.mesh, options, trace, o.out, o.json);
 }
 
 }  // namespace
@@ -72,7 +93,8 @@ int main(int argc, char** argv) {
       "Example: gantry-fusion register scans/*.ply --initial POSES.txt --out registered\n"
       "         gantry-fusion inspect --cloud registered/merged.ply --reference part.stl --tolerance 0.2 "
       "--out inspected\n"
-      "         gantry-fusion compare registered/merged.ply part.stl --ply distances.ply",
+      "         gantry-fusion compare registered/merged.ply part.stl --ply distances.ply\n"
+      "         gantry-fusion trend runs/* --out trend",
       "gantry-fusion"};
   CommonOptions common;
   add_common_options(app, common);
@@ -84,7 +106,7 @@ int main(int argc, char** argv) {
   CLI::App* inspecting = app.add_subcommand(
       "inspect", "Signed deviation from a CAD model: verdict, report.html, deviations.ply");
   inspecting->add_option("--cloud", ins.cloud, "Point cloud (PLY or PCD)")->required();
-  inspecting->add_option("--reference", ins.reference, "CAD model (STL, PLY, OBJ)")->required();
+  inspecting->add_option("--reference", ins.reference, "CAD model (STL, PLY, OBJ, STEP)")->required();
   inspecting->add_option("--tolerance", ins.tolerance_mm, "Allowed deviation, +- mm")
       ->required()
       ->check(number_within(1e-4, 100));
@@ -114,20 +136,27 @@ int main(int argc, char** argv) {
           "which no averaging removes")
       ->check(number_within(0, 10))
       ->capture_default_str();
-  inspecting->add_option("--unit", ins.unit, "Unit of the cloud: mm or m")
-      ->check(CLI::IsMember({"mm", "m"}))
+  inspecting->add_option("--unit", ins.unit, "Unit of the cloud")
+      ->check(CLI::IsMember(length_units()))
       ->capture_default_str();
-  inspecting->add_option("--reference-unit", ins.reference_unit, "Unit of the reference: mm or m")
-      ->check(CLI::IsMember({"mm", "m"}))
+  inspecting
+      ->add_option("--reference-unit", ins.reference_unit,
+                   "Unit of the reference; a STEP file states its own")
+      ->check(CLI::IsMember(length_units()))
       ->capture_default_str();
+  inspecting->add_flag(
+      "--any-size", ins.any_size,
+      "The cloud may be more than 5 times as large or small as the CAD model: a patch, or a table");
   inspecting->add_option("--out", ins.out, "Folder for the results")->required();
   inspecting->add_flag("--json", ins.json, "Print the summary as JSON");
 
   const CompareCommand comparing(app);
+  const TrendCommand trending(app);
 
   return run_app(app, argc, argv, common, [&] {
     if (registering.parsed()) return registering.run();
     if (comparing.parsed()) return comparing.run();
+    if (trending.parsed()) return trending.run();
     return run_inspect(ins);
   });
 }

@@ -1,13 +1,10 @@
 #include "inspection_step.h"
 
-#include <spdlog/spdlog.h>
-
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
 
 #include "gantry/foundation/error.h"
-#include "gantry/geometry/mesh_topology.h"
 
 namespace gantry {
 namespace {
@@ -23,6 +20,12 @@ void print_alignment(const AlignmentResult& a) {
                 d.words.c_str(), d.points, d.rms_mm, d.offset_mm, d.tilt_deg);
   if (!a.free_motions.empty()) std::printf("  free       %s\n", a.free_text().c_str());
   if (!a.equivalents.empty()) std::printf("  symmetry   %s\n", a.symmetry_text().c_str());
+}
+
+void print_reference(const InspectionResult& result, size_t triangles) {
+  std::printf("  reference  %zu triangles, %s\n", triangles, result.topology.text().c_str());
+  if (result.beside_border > 0)
+    std::printf("             %zu points lie beside its border and were not judged\n", result.beside_border);
 }
 
 std::string text_of(const Eigen::Vector3d& v) {
@@ -97,13 +100,14 @@ void print_uncertainty(const InspectionResult& result) {
       kCoverageFactor95 * u.combined(), u.noise, poses, u.alignment, u.sensor);
 }
 
-void print_summary(const InspectionResult& result, const InspectionOptions& options,
+void print_summary(const InspectionResult& result, const InspectionOptions& options, size_t triangles,
                    const std::filesystem::path& report) {
   const DeviationStatistics& s = result.statistics;
   std::printf("\n%s  %s\n\n", std::string(to_string(result.verdict)).c_str(), result.reason.c_str());
   std::printf("  deviation  mean %+.4f mm, sigma %.4f mm, %.2f %% of %zu points within ±%.3f mm\n", s.mean,
               s.sigma, 100 * s.within_tolerance, s.count, options.tolerance_mm);
   std::printf("  coverage   %.1f %% of the CAD surface\n", 100 * result.coverage);
+  print_reference(result, triangles);
   print_uncertainty(result);
   if (options.align) print_alignment(result.alignment);
   print_defects(result.defects);
@@ -117,8 +121,6 @@ void print_summary(const InspectionResult& result, const InspectionOptions& opti
 ExitCode inspect_and_report(const PointCloud& cloud, const TriangleMesh& reference,
                             const InspectionOptions& options, const Traceability& traceability,
                             const std::filesystem::path& folder, bool json) {
-  const MeshTopology topology = analyse_topology(reference);
-  if (!topology.watertight()) spdlog::warn("the reference mesh is {}", topology.text());
   const SignedDistance distance(reference);
   const InspectionResult result = inspect(cloud, distance, options);
   std::filesystem::create_directories(folder);
@@ -126,6 +128,9 @@ ExitCode inspect_and_report(const PointCloud& cloud, const TriangleMesh& referen
   if (json) {
     nlohmann::json out{
         {"verdict", to_string(result.verdict)}, {"reason", result.reason}, {"report", report.string()}};
+    out["reference"] = {{"triangles", reference.triangles.size()},
+                        {"words", result.topology.text()},
+                        {"points_beside_border", result.beside_border}};
     out["defects"] = nlohmann::json::array();
     for (const Defect& d : result.defects)
       out["defects"].push_back({{"id", d.id},
@@ -139,7 +144,7 @@ ExitCode inspect_and_report(const PointCloud& cloud, const TriangleMesh& referen
     out["unseen_regions"] = result.unseen.size();
     std::printf("%s\n", out.dump().c_str());
   } else {
-    print_summary(result, options, report);
+    print_summary(result, options, reference.triangles.size(), report);
   }
   switch (result.verdict) {
     case Verdict::kPass:

@@ -13,9 +13,11 @@ namespace gantry::internal {
 
 void require_file(const std::filesystem::path& path) {
   std::error_code error;  // a folder on the way may be closed to us: that is no such file too
-  if (std::filesystem::is_regular_file(path, error)) return;
-  throw InputError(path.string() +
-                   (std::filesystem::exists(path, error) ? ": a file is expected" : ": no such file"));
+  if (!std::filesystem::is_regular_file(path, error))
+    throw InputError(path.string() +
+                     (std::filesystem::exists(path, error) ? ": a file is expected" : ": no such file"));
+  if (::faccessat(AT_FDCWD, path.c_str(), R_OK, AT_EACCESS) != 0)
+    throw InputError(path.string() + ": cannot be read: " + std::strerror(errno));
 }
 
 std::string lower_extension(const std::filesystem::path& path) {

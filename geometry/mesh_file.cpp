@@ -6,19 +6,22 @@
 #include <algorithm>
 #include <assimp/Exporter.hpp>
 #include <assimp/Importer.hpp>
+#include <cctype>
+#include <fstream>
 
 #include "ascii_stl.h"
 #include "file_guard.h"
 #include "gantry/foundation/error.h"
 #include "joined_vertices.h"
 #include "point_table.h"
+#include "step_file.h"
 
 namespace gantry {
 namespace {
 
 /// Joins vertices at exactly the same position (STL repeats every vertex for every triangle) and drops
-/// triangles that this collapses.
-TriangleMesh joined(const TriangleMesh& soup) {
+/// the triangles that have two corners at one place.
+TriangleMesh joined(const TriangleMesh& soup, size_t& collapsed) {
   const std::vector<int> first = internal::joined_by_position(soup.vertices);
   TriangleMesh mesh;
   std::vector<int> renamed(soup.vertices.size(), -1);
@@ -29,7 +32,11 @@ TriangleMesh joined(const TriangleMesh& soup) {
   }
   for (const auto& t : soup.triangles) {
     const Eigen::Vector3i n(renamed[first[t[0]]], renamed[first[t[1]]], renamed[first[t[2]]]);
-    if (n[0] != n[1] && n[1] != n[2] && n[2] != n[0]) mesh.triangles.push_back(n);
+    if (n[0] != n[1] && n[1] != n[2] && n[2] != n[0]) {
+      mesh.triangles.push_back(n);
+    } else {
+      ++collapsed;
+    }
   }
   return mesh;
 }
@@ -71,16 +78,42 @@ TriangleMesh read_ply_mesh(const std::filesystem::path& path) {
   return mesh;
 }
 
+bool is_step(const std::string& extension) {
+  return extension == ".step" || extension == ".stp";
+}
+
+/// What people end up with instead of a mesh, said plainly rather than by the parser that trips over it.
+void refuse_other_content(const std::filesystem::path& path) {
+  std::string head(256, '\0');
+  std::ifstream file(path, std::ios::binary);
+  file.read(head.data(), static_cast<std::streamsize>(head.size()));
+  head.resize(static_cast<size_t>(file.gcount()));
+  if (head.empty()) throw InputError(path.string() + ": the file is empty");
+  for (char& c : head) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+  const size_t begin = std::min(head.find_first_not_of(" \t\r\n\xef\xbb\xbf"), head.size());
+  for (const char* start : {"<!doctype html", "<html"})
+    if (head.compare(begin, std::string_view(start).size(), start) == 0)
+      throw InputError(path.string() + ": is a web page, not a mesh: download the file itself");
+}
+
 }  // namespace
 
-TriangleMesh read_mesh(const std::filesystem::path& path, double unit_mm) {
+TriangleMesh read_mesh(const std::filesystem::path& path, double unit_mm, MeshReading* reading,
+                       const TessellationOptions& tessellation) {
   const std::string name = path.string();
   internal::require_file(path);
   const std::string extension = internal::lower_extension(path);
   // Assimp knows dozens of formats; none but these has been tried on broken files.
-  if (extension != ".stl" && extension != ".obj" && extension != ".ply")
-    throw InputError(name + ": meshes are read from .stl, .ply or .obj, not '" + extension + "'");
-  TriangleMesh soup = extension == ".ply"                                   ? read_ply_mesh(path)
+  if (extension != ".stl" && extension != ".obj" && extension != ".ply" && !is_step(extension))
+    throw InputError(name + ": meshes are read from .stl, .ply, .obj or .step, not '" + extension + "'");
+  if (is_step(extension) && unit_mm != 1)
+    throw InputError(name + ": a STEP file states its own unit: give none for it");
+  refuse_other_content(path);
+  MeshReading ignored;
+  MeshReading& info = reading ? *reading : ignored;
+  info = {};
+  TriangleMesh soup = is_step(extension)    ? internal::read_step(path, tessellation, info.tessellation)
+                      : extension == ".ply" ? read_ply_mesh(path)
                       : extension == ".stl" && internal::is_ascii_stl(path) ? internal::read_ascii_stl(path)
                                                                             : read_by_assimp(path);
   for (size_t i = 0; i < soup.vertices.size(); ++i) {
@@ -95,8 +128,12 @@ TriangleMesh read_mesh(const std::filesystem::path& path, double unit_mm) {
     if (tri.minCoeff() < 0 || tri.maxCoeff() >= static_cast<int>(soup.vertices.size()))
       throw InputError(name + ": triangle " + std::to_string(t) + " refers to a vertex that does not exist");
   }
-  TriangleMesh mesh = joined(soup);
-  if (mesh.triangles.empty()) throw InputError(name + ": holds no triangles");
+  TriangleMesh mesh = joined(soup, info.collapsed_triangles);
+  if (mesh.triangles.empty())
+    throw InputError(name + (soup.triangles.empty()
+                                 ? ": holds no triangles"
+                                 : ": all of its triangles are degenerate: two corners of each "
+                                   "are at the same place"));
   return mesh;
 }
 
@@ -104,7 +141,7 @@ bool holds_triangles(const std::filesystem::path& path) {
   internal::require_file(path);
   const std::string extension = internal::lower_extension(path);
   if (extension == ".ply") return !internal::read_points(path).triangles.empty();
-  return extension == ".stl" || extension == ".obj";
+  return extension == ".stl" || extension == ".obj" || is_step(extension);
 }
 
 void write_mesh(const std::filesystem::path& path, const TriangleMesh& mesh) {

@@ -132,6 +132,7 @@ InspectionResult inspect(const PointCloud& cloud, const SignedDistance& referenc
                                                    result.alignment, options.systematic_sigma_mm);
   const size_t every = 1 + n / kBudgetPoints;
   std::vector<std::optional<UncertaintyBudget>> samples(n / every + 1);
+  std::vector<uint8_t> beside_border(n, 0);
   const auto min_cosine = static_cast<float>(std::cos(options.max_angle_rad));
   const auto reach = static_cast<float>(options.max_distance_mm);
   const auto judge = [&](size_t i, const std::optional<SignedDistance::Value>& value) {
@@ -148,6 +149,8 @@ InspectionResult inspect(const PointCloud& cloud, const SignedDistance& referenc
           static_cast<float>(std::sqrt(v.noise + v.scan_poses + v.alignment + v.sensor));
       feet.stand(i, *value, surface.points[i], cloud.has_normals() ? &result.cloud.normals[i] : nullptr,
                  reference.mesh(), options.tolerance_mm);
+    } else if (value && value->at_border) {
+      beside_border[i] = 1;
     }
   };
   for_each_run(surface.points, [&](std::span<const uint32_t> run) {
@@ -161,6 +164,9 @@ InspectionResult inspect(const PointCloud& cloud, const SignedDistance& referenc
     }
   });
 
+  result.topology = analyse_topology(reference.mesh());
+  result.beside_border =
+      static_cast<size_t>(std::count(beside_border.begin(), beside_border.end(), uint8_t{1}));
   result.budget = medians_of(samples);
   result.poses_known = cloud.sources && cloud.sources->pose_covariance.size() > 0;
   result.statistics = statistics_of(result.deviation_mm, options.tolerance_mm);

@@ -3,6 +3,7 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <limits>
 
@@ -245,6 +246,7 @@ class Comparison {
   void cloud_to_mesh(DistanceResult& r) {
     require(reference_.mesh(), "cloud-to-mesh needs a mesh as the reference, not a cloud");
     r.distance_mm.resize(a_.size());
+    std::atomic<size_t> beside_border = 0;
     for_each_run(a_.points, [&](std::span<const uint32_t> run) {
       int near = -1;
       for (const uint32_t i : run) {
@@ -252,8 +254,10 @@ class Comparison {
         require(value.has_value(), "the cloud is too far from the mesh to be compared");
         r.distance_mm[i] = value->distance;
         near = value->triangle;
+        if (value->at_border) ++beside_border;
       }
     });
+    r.beside_border = beside_border;
     r.value = mean_magnitude_of(r.distance_mm);
   }
 

@@ -97,6 +97,10 @@ std::string traceability(const PageContent& c) {
       row("Part", escaped(title_of(c)), "text") + row("Created", date_text(c.traceability.created), "text") +
       row("Measurement", c.traceability.simulated ? "simulated: no real part was measured" : "real", "text");
   for (const auto& [name, value] : c.traceability.entries) html += row(escaped(name), escaped(value), "text");
+  std::string mesh = grouped(c.facts.triangles) + " triangles, " + escaped(c.result.topology.text());
+  if (c.result.beside_border > 0)
+    mesh += "; " + grouped(c.result.beside_border) + " points lie beside its border and were not judged";
+  html += row("Mesh of the CAD model", mesh, "text");
   return html + "</tbody></table></div></section>\n";
 }
 

@@ -54,9 +54,10 @@ std::filesystem::path write_report(const std::filesystem::path& folder, const In
   const RayScene cad(reference.mesh());
   const report::ColourScale colours(options.tolerance_mm);
   const report::MeasuredSurface measured = report::measured_surface(result, reference, options);
-  const report::ReportFacts facts{
-      report::distribution(result), report::sections(reference.mesh(), measured, result.defects),
-      report::coverage_sides(reference.mesh(), measured), reference.mesh().surface_area()};
+  const report::ReportFacts facts{report::distribution(result),
+                                  report::sections(reference.mesh(), measured, result.defects),
+                                  report::coverage_sides(reference.mesh(), measured),
+                                  reference.mesh().surface_area(), reference.mesh().triangles.size()};
   report::write_file(folder / "report.json", report::report_json(result, options, traceability, facts));
 
   std::vector<report::Picture> overviews, coverage_views, close_ups;

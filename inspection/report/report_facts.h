@@ -15,6 +15,7 @@ struct ReportFacts {
   std::vector<Section> sections;
   std::array<SideCoverage, 6> sides;
   double surface_mm2 = 0;  ///< Of the CAD model.
+  size_t triangles = 0;    ///< Of its mesh.
 };
 
 }  // namespace gantry::report

@@ -144,6 +144,19 @@ Json section_json(const Section& section, double tolerance_mm) {
           {"max_mm", s.max}};
 }
 
+Json reference_json(const InspectionResult& result, size_t triangles) {
+  const MeshTopology& t = result.topology;
+  return {{"triangles", triangles},
+          {"watertight", t.watertight()},
+          {"words", t.text()},
+          {"shells", t.shells},
+          {"boundary_edges", t.boundary_edges},
+          {"nonmanifold_edges", t.nonmanifold_edges},
+          {"inconsistent_edges", t.inconsistent_edges},
+          {"degenerate_triangles", t.degenerate_triangles},
+          {"points_beside_border", result.beside_border}};
+}
+
 /// Name to value; a list of values where a name (a drive) occurs more than once.
 Json traceability_json(const Traceability& traceability) {
   Json json = Json::object();
@@ -178,6 +191,7 @@ std::string report_json(const InspectionResult& result, const InspectionOptions&
                         {"p05_mm", s.p05},     {"p50_mm", s.p50},
                         {"p95_mm", s.p95},     {"within_tolerance", s.within_tolerance}};
   json["distribution"] = distribution_json(facts.distribution);
+  json["reference"] = reference_json(result, facts.triangles);
   json["coverage"] = result.coverage;
   json["surface_mm2"] = facts.surface_mm2;
   json["coverage_by_side"] = Json::array();

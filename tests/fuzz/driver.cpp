@@ -99,6 +99,10 @@ uint64_t number_of(const char* text) {
 void* operator new(size_t size) {
   return allocate(size);
 }
+// std::stable_sort asks for its buffer by this one.
+void* operator new(size_t size, const std::nothrow_t&) noexcept {
+  return std::malloc(size);
+}
 void operator delete(void* memory) noexcept {
   std::free(memory);
 }

@@ -1,6 +1,7 @@
 #include "gantry/geometry/mesh_file.h"
 
 #include <gtest/gtest.h>
+#include <unistd.h>
 
 #include <cstring>
 #include <limits>
@@ -186,6 +187,53 @@ TEST_F(MeshFile, TruncatedFilesAreRefusedAndNeverCrash) {
       expect_input_error([&] { read_mesh(path); }, {path.string()});
     }
   }
+}
+
+TEST_F(MeshFile, WhatIsNoMeshAtAllIsSaidPlainly) {
+  for (const char* extension : {"stl", "ply", "obj"}) {
+    SCOPED_TRACE(extension);
+    const std::string name = std::string("part.") + extension;
+    for (const char* page :
+         {"<!DOCTYPE html>\n<html><body>Sign in</body></html>", "\xef\xbb\xbf \n<HTML lang=en>"})
+      expect_input_error([&] { read_mesh(folder_.write(name, page)); }, {name, "web page"});
+    expect_input_error([&] { read_mesh(folder_.write(name, "")); }, {name, "empty"});
+  }
+}
+
+TEST_F(MeshFile, AFileThatMayNotBeReadIsNamed) {
+  write_mesh(folder_ / "mine.stl", star_);
+  std::filesystem::permissions(folder_.path(), std::filesystem::perms::all);
+  std::filesystem::permissions(folder_ / "mine.stl", std::filesystem::perms::none);
+  const uid_t self = ::geteuid();
+  if (self == 0) {
+    ASSERT_EQ(::seteuid(65534), 0);  // root may read everything
+  }
+  expect_input_error([&] { read_mesh(folder_ / "mine.stl"); }, {"mine.stl", "Permission denied"});
+  expect_input_error([&] { holds_triangles(folder_ / "mine.stl"); }, {"mine.stl", "Permission denied"});
+  if (self == 0) {
+    ASSERT_EQ(::seteuid(0), 0);
+  }
+}
+
+TEST_F(MeshFile, DegenerateTrianglesAreLeftOutAndCounted) {
+  TriangleMesh mesh = star_;
+  const Eigen::Vector3f a = mesh.vertices[0], b = mesh.vertices[1];
+  mesh.vertices.insert(mesh.vertices.end(), {a, a, b});
+  const int n = static_cast<int>(mesh.vertices.size());
+  mesh.triangles.emplace_back(n - 3, n - 2, n - 1);
+  MeshReading reading;
+  EXPECT_EQ(read_mesh(folder_.write("a.stl", binary_stl(mesh)), 1, &reading).triangles.size(),
+            star_.triangles.size());
+  EXPECT_EQ(reading.collapsed_triangles, 1u);
+  read_mesh(folder_.write("a.stl", binary_stl(star_)), 1, &reading);
+  EXPECT_EQ(reading.collapsed_triangles, 0u);
+  // Three corners on a line stay, and are counted by the topology.
+  mesh = star_;
+  mesh.vertices.push_back((a + b) / 2);
+  mesh.triangles.emplace_back(0, 1, n - 3);
+  const TriangleMesh read = read_mesh(folder_.write("a.stl", binary_stl(mesh)), 1, &reading);
+  EXPECT_EQ(reading.collapsed_triangles, 0u);
+  EXPECT_GE(analyse_topology(read).nonmanifold_edges, 1u);
 }
 
 TEST_F(MeshFile, WhatCannotBeWrittenIsNamed) {

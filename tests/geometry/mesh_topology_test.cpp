@@ -54,6 +54,49 @@ TEST(MeshTopology, DegenerateTrianglesAreCounted) {
   EXPECT_EQ(analyse_topology(kCube).degenerate_triangles, 0u);
 }
 
+TriangleMesh turned_over(TriangleMesh mesh) {
+  for (auto& t : mesh.triangles) std::swap(t[1], t[2]);
+  return mesh;
+}
+
+TEST(MeshTopology, AMeshThatIsInsideOutIsFound) {
+  for (const TriangleMesh& mesh :
+       {kCube, star_mesh(10, 30), wedge_mesh(10, 50, 0.1f), split_vertices(kCube)}) {
+    EXPECT_EQ(analyse_topology(mesh).inside_out_shells, 0u);
+    EXPECT_EQ(analyse_topology(turned_over(mesh)).inside_out_shells, 1u);
+    EXPECT_EQ(analyse_topology(turned_over(mesh)).shells, 1u);
+    EXPECT_TRUE(analyse_topology(turned_over(mesh)).watertight());
+  }
+  // Wherever it stands.
+  const Pose far = pose_from_position_rpy({-5000, 3000, 100}, {1, 2, 3});
+  EXPECT_EQ(analyse_topology(transformed(turned_over(kCube), far)).inside_out_shells, 1u);
+  EXPECT_EQ(analyse_topology(transformed(kCube, far)).inside_out_shells, 0u);
+}
+
+TEST(MeshTopology, WithHolesItIsFoundWhereTheSideIsCertain) {
+  TriangleMesh star = turned_over(star_mesh(10, 30));
+  star.triangles.pop_back();
+  EXPECT_EQ(analyse_topology(star).inside_out_shells, 1u);
+  // A lone sheet has no side: neither it nor its reverse is called wrong.
+  TriangleMesh sheet = kCube;
+  sheet.triangles.resize(2);
+  EXPECT_EQ(analyse_topology(sheet).inside_out_shells, 0u);
+  EXPECT_EQ(analyse_topology(turned_over(sheet)).inside_out_shells, 0u);
+  // Nor has a mesh whose faces contradict each other.
+  TriangleMesh mixed = turned_over(kCube);
+  std::swap(mixed.triangles[5][0], mixed.triangles[5][1]);
+  EXPECT_EQ(analyse_topology(mixed).inside_out_shells, 0u);
+}
+
+TEST(MeshTopology, ACavityIsNoMistake) {
+  const TriangleMesh hollow = merged(kCube, turned_over(box_mesh({3, 3, 3}, {7, 7, 7})));
+  EXPECT_EQ(analyse_topology(hollow).shells, 2u);
+  EXPECT_EQ(analyse_topology(hollow).inside_out_shells, 0u);
+  EXPECT_EQ(analyse_topology(merged(kCube, turned_over(box_mesh({30, 3, 3}, {70, 7, 7})))).inside_out_shells,
+            1u);
+  EXPECT_EQ(analyse_topology(turned_over(hollow)).inside_out_shells, 1u);
+}
+
 TEST(MeshTopology, VerticesAreJoinedByPosition) {
   EXPECT_TRUE(analyse_topology(split_vertices(kCube)).watertight());
 }

@@ -108,7 +108,9 @@ struct DistanceResult {
   std::vector<float> lod95_mm;  ///< kM3c2 only: see below.
   DistanceSummary summary;
   double error_bound_mm = 0;  ///< kEarthMovers: |value - exact value| is at most this; 0: exact.
-  std::string note;           ///< What a reader should know: what was chosen or approximated.
+  size_t beside_border =
+      0;             ///< kCloudToMesh: points closest to the border of an open mesh; their sign means little.
+  std::string note;  ///< What a reader should know: what was chosen or approximated.
 };
 
 /// By what a distance of M3C2 must exceed 0 to be a change with 95 % confidence:

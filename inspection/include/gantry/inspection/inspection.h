@@ -6,6 +6,7 @@
 #include <string_view>
 #include <vector>
 
+#include "gantry/geometry/mesh_topology.h"
 #include "gantry/geometry/point_cloud.h"
 #include "gantry/geometry/pose.h"
 #include "gantry/geometry/signed_distance.h"
@@ -140,6 +141,8 @@ struct InspectionResult {
   std::vector<UnjudgedRegion> fixture_regions;  ///< What was found of the fixture, the largest first.
   std::vector<SurfaceStatistics> faces;         ///< Of each smooth face of the CAD model (cad_faces.h).
   std::vector<SurfaceStatistics> regions;       ///< Of tiles of about equal size, about 70 of them.
+  MeshTopology topology;                        ///< Of the CAD model's mesh.
+  size_t beside_border = 0;  ///< Points whose closest CAD surface is the border of its open mesh: not judged.
 };
 
 /// Compares a cloud with the CAD model. A cloud without normals is measured to the closest surface of

@@ -1,0 +1,43 @@
+# STEP files through OpenCASCADE, where it is installed: GANTRY_STEP=AUTO takes it if it is there, ON insists,
+# OFF does without. By its headers and libraries: its CMake package asks for modules (Draw, Qt) that reading
+# needs nothing of. Offers the target gantry::opencascade, or none.
+set(GANTRY_STEP AUTO CACHE STRING "Read STEP files through OpenCASCADE: AUTO, ON or OFF")
+set_property(CACHE GANTRY_STEP PROPERTY STRINGS AUTO ON OFF)
+if(NOT GANTRY_STEP MATCHES "^(AUTO|ON|OFF)$")
+  message(FATAL_ERROR "GANTRY_STEP is AUTO, ON or OFF, not '${GANTRY_STEP}'")
+endif()
+
+set(found FALSE)
+if(NOT GANTRY_STEP STREQUAL OFF)
+  find_path(OPENCASCADE_INCLUDE STEPControl_Reader.hxx PATH_SUFFIXES opencascade occt)
+  set(missing "")
+  set(OPENCASCADE_LIBRARIES "")
+  # Each name as of 7.8 and before.
+  foreach(names "TKDESTEP;TKSTEP" "TKXSBase" "TKMesh" "TKShHealing" "TKTopAlgo" "TKPrim" "TKBRep" "TKGeomAlgo" "TKGeomBase"
+          "TKG3d" "TKG2d" "TKMath" "TKernel")
+    list(GET names -1 name)
+    find_library(OPENCASCADE_${name} NAMES ${names})
+    if(OPENCASCADE_${name})
+      list(APPEND OPENCASCADE_LIBRARIES ${OPENCASCADE_${name}})
+    else()
+      list(APPEND missing ${name})
+    endif()
+  endforeach()
+  if(OPENCASCADE_INCLUDE AND NOT missing)
+    set(found TRUE)
+    add_library(gantry_opencascade INTERFACE)
+    add_library(gantry::opencascade ALIAS gantry_opencascade)
+    target_include_directories(gantry_opencascade SYSTEM INTERFACE ${OPENCASCADE_INCLUDE})
+    target_link_libraries(gantry_opencascade INTERFACE ${OPENCASCADE_LIBRARIES})
+  elseif(GANTRY_STEP STREQUAL ON)
+    message(FATAL_ERROR "GANTRY_STEP=ON, but OpenCASCADE was not found: install libocct-data-exchange-dev "
+                        "(missing: ${missing})")
+  endif()
+endif()
+if(found)
+  message(STATUS "STEP files: read by OpenCASCADE (${OPENCASCADE_INCLUDE})")
+elseif(GANTRY_STEP STREQUAL OFF)
+  message(STATUS "STEP files: not read (GANTRY_STEP=OFF)")
+else()
+  message(STATUS "STEP files: not read; install libocct-data-exchange-dev for them")
+endif()
