@@ -2,7 +2,7 @@
 
 namespace gantry::series {
 
-/// Distributions of normal samples (Abramowitz and Stegun, chapter 26), to about 1e-10.
+/// Distributions of normal samples, by Boost.Math: its headers take seconds to compile, here only once.
 
 /// Probability that chi-square with `freedoms` (need not be whole) is below `x`.
 double chi_square_below(double x, double freedoms);
