@@ -209,14 +209,45 @@ Found find_out_of_tolerance(const DefectScene& scene) {
   return found;
 }
 
-/// Regions beside the tolerance, without those that surround a defect. Points on the rim of the measured
-/// surface are extrapolations of those beside them, and doubt nothing by themselves.
+/// Which points come nearer to the tolerance than the guard band, among neighbours of which half or more do:
+/// where noise left single points uncertain, those beside them tell. Points on the rim of the measured
+/// surface are extrapolations and doubt nothing by themselves.
+std::vector<char> points_in_doubt(const DefectScene& scene) {
+  const InspectionResult& result = scene.result;
+  const PointCloud& cloud = result.cloud;
+  const double tolerance = scene.options.tolerance_mm, guard_band = scene.options.guard_band;
+  const auto near_tolerance = [&](size_t i) {  // NaN compares false
+    return !scene.surface.rim[i] &&
+           std::abs(result.deviation_mm[i]) + guard_band * result.uncertainty_mm[i] > tolerance;
+  };
+  std::vector<size_t> candidates;
+  for (size_t i = 0; i < cloud.size(); ++i)
+    if (near_tolerance(i)) candidates.push_back(i);
+  std::vector<char> in_doubt(cloud.size(), 0);
+  if (candidates.empty()) return in_doubt;
+  const PointIndex index(cloud.points);
+  const double radius = std::max(scene.options.averaging_radius_mm, 2 * scene.surface.spacing_mm);
+  tbb::parallel_for(size_t{0}, candidates.size(), [&](size_t c) {
+    thread_local std::vector<PointIndex::Neighbour> near;
+    const size_t i = candidates[c];
+    index.within(cloud.points[i], static_cast<float>(radius), near);
+    size_t all = 0, doubtful = 0;
+    for (const auto& n : near) {
+      if (std::isnan(result.deviation_mm[n.index])) continue;
+      if (cloud.has_normals() && cloud.normals[n.index].dot(cloud.normals[i]) < 0.5f) continue;
+      ++all;
+      doubtful += near_tolerance(n.index);
+    }
+    in_doubt[i] = 2 * doubtful >= all;
+  });
+  return in_doubt;
+}
+
+/// Regions beside the tolerance, without those that surround a defect.
 Found find_doubtful(const DefectScene& scene, const std::vector<int>& defect_id) {
   const double tolerance = scene.options.tolerance_mm, guard_band = scene.options.guard_band;
-  const auto limit_mm = [&](size_t i) {
-    return scene.surface.rim[i] ? std::numeric_limits<double>::infinity()
-                                : tolerance - guard_band * scene.result.uncertainty_mm[i];
-  };
+  const std::vector<char> in_doubt = points_in_doubt(scene);
+  const auto limit_mm = [&](size_t i) { return in_doubt[i] ? 0.0 : std::numeric_limits<double>::infinity(); };
   Found found;
   for (auto& members : regions_beyond(scene, limit_mm)) {
     if (std::any_of(members.begin(), members.end(), [&](size_t i) { return defect_id[i] > 0; })) continue;
