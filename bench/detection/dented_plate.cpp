@@ -114,7 +114,7 @@ PointCloud scanned_plate(const TriangleMesh& plate, uint64_t seed) {
     TaggedScan scan;
     scan.name = "view " + std::to_string(view);
     scan.scan = trace_scan(sensor, scene, pose, pose, seed, static_cast<uint64_t>(view));
-    scan.part_from_sensor.pose = pose;
+    scan.part_from_sensor.mean = pose;
     surfaces.push_back(make_range_surface(scan, {}));
     poses.push_back(pose);
   }

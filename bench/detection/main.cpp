@@ -49,7 +49,8 @@ class Experiment {
     std::vector<Dent> dents;
     for (size_t r = 0; r < options_.repeats; ++r)
       for (const double depth : kDepths)
-        for (const double diameter : kDiameters) dents.push_back({depth, diameter, {}});
+        for (const double diameter : kDiameters)
+          dents.push_back({.depth_mm = depth, .diameter_mm = diameter});
     // Every plate holds dents of all sizes: they go round.
     const size_t plates = dents.size() / kDentsOfPlate;
     for (size_t p = 0; p < plates; ++p) {
@@ -107,7 +108,7 @@ class Experiment {
   SignedDistance cad_;
   InspectionOptions inspection_;
   Outcome outcome_;
-  Progress progress_;
+  Progress progress_{stdout_is_terminal()};
 };
 
 void add_rows(Table& table, const std::map<double, std::vector<Trial>>& trials, DetectionChart& chart) {
@@ -117,7 +118,8 @@ void add_rows(Table& table, const std::map<double, std::vector<Trial>>& trials, 
     const auto found = std::count_if(all.begin(), all.end(), [](const Trial& t) { return t.found; });
     const auto size = [&](double DetectionCurve::*value) {
       if (!curve) return std::string("–");
-      return curve->*value > kDepths.back() ? text("over %g", kDepths.back()) : text("%.3f", curve->*value);
+      const double depth = (*curve).*value;
+      return depth > kDepths.back() ? text("over %g", kDepths.back()) : text("%.3f", depth);
     };
     table.add({text("%g", diameter), text("%zd of %zu", found, all.size()), size(&DetectionCurve::a50_mm),
                size(&DetectionCurve::a90_mm), size(&DetectionCurve::a90_95_mm)});
@@ -135,12 +137,12 @@ std::string page_of(const Options& o, const Outcome& outcome, double cpu_s) {
       "sensor "
       "(0.05 mm noise at 500 mm, 0.18 mm pixels) scans it from four sides, 20 degrees off the normal. The "
       "scans are "
-      "merged **at their true poses**: what registration leaves over is not in these figures, other than "
-      "through the "
-      "0.02 mm that every inspection allows for it. Then the product's inspection, with best fit, at a "
-      "tolerance of "
-      "±%g mm and otherwise default options.\n\n",
-      kDentsOfPlate, o.repeats, kDepths.size(), kDiameters.size(), o.tolerance_mm);
+      "merged **at their true poses**: what registration leaves over is not in these figures. Then the "
+      "product's "
+      "inspection, with best fit, at a tolerance of ±%g mm and otherwise default options (%g mm of standard "
+      "uncertainty that neighbouring points share).\n\n",
+      kDentsOfPlate, o.repeats, kDepths.size(), kDiameters.size(), o.tolerance_mm,
+      InspectionOptions().systematic_sigma_mm);
   page +=
       "*Listed*: a region out of tolerance has its peak within the dent (1 mm beside it at most). *Certain*: "
       "and it "

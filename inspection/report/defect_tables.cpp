@@ -20,6 +20,14 @@ std::string area_text(double mm2) {
   return fixed(mm2, mm2 < 100 ? 1 : 0);
 }
 
+/// Too much and too little, each where there is any.
+std::string volume_text(const Defect& d) {
+  constexpr double kNone = 0.05;
+  std::string text = d.extra_mm3 >= kNone ? "+" + area_text(d.extra_mm3) : std::string();
+  if (d.missing_mm3 >= kNone) text += (text.empty() ? "" : "<br>") + ("\u2212" + area_text(d.missing_mm3));
+  return text.empty() ? "\u2013" : text;
+}
+
 std::string cell(const std::string& text) {
   return "<td class=\"n\">" + text + "</td>";
 }
@@ -44,9 +52,7 @@ std::string defect_row(const Defect& d, double tolerance_mm) {
          "</td>" + named_cell(std::string(to_string(d.kind)), d.words) +
          cell("<b>" + with_sign(d.peak_mm, 3) + "</b> \u00b1 " + fixed(d.uncertainty_mm, 3)) +
          cell(with_sign(d.signed_mean_mm, 3) + " \u00b1 " + fixed(d.mean_uncertainty_mm, 3)) +
-         cell(area_text(d.area_mm2)) +
-         cell("+" + area_text(d.extra_mm3) + "<br>\u2212" + area_text(d.missing_mm3)) +
-         named_cell(d.face, d.face_words) +
+         cell(area_text(d.area_mm2)) + cell(volume_text(d)) + named_cell(d.face, d.face_words) +
          cell(vector_text(d.centre_mm) + "<br>" + vector_text(d.extent_mm)) + cell(grouped(d.points)) +
          "<td>" + certainty_chip(d, tolerance_mm) + "</td></tr>\n";
 }
