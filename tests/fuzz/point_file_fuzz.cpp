@@ -115,8 +115,9 @@ int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
       throw std::logic_error("shares that do not fit the points");
     for (const CloudSources::Share& share : sources.shares)
       if (share.scan >= sources.scans.size()) throw std::logic_error("a share of no scan");
-    const auto size = sources.pose_covariance.size();
-    if (size != 0 && size != static_cast<Eigen::Index>(36 * sources.scans.size() * sources.scans.size()))
+    const auto numbers = sources.pose_covariance.size();
+    if (numbers != 0 &&
+        numbers != static_cast<Eigen::Index>(36 * sources.scans.size() * sources.scans.size()))
       throw std::logic_error("a covariance that does not fit the scans");
   });
   return 0;
