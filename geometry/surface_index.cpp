@@ -136,7 +136,8 @@ GANTRY_INLINE void look_at(const TriangleBlock& block, const Lanes3& p, Query& q
   }
 }
 
-GANTRY_FOR_EACH_CPU void search(Query& query) {
+/// `first`: a block that is looked at before all others; negative: none.
+GANTRY_FOR_EACH_CPU void search(Query& query, int first) {
   struct Entry {
     float squared;
     int child;
@@ -146,11 +147,12 @@ GANTRY_FOR_EACH_CPU void search(Query& query) {
   stack[size++] = {0, 0};
   const Lanes zero{};
   const Lanes3 p = {zero + query.point.x(), zero + query.point.y(), zero + query.point.z()};
+  if (first >= 0) look_at(query.tree.blocks[static_cast<size_t>(first)], p, query);
   while (size > 0) {
     const Entry entry = stack[--size];
     if (entry.squared > query.limit()) continue;
     if (entry.child < 0) {
-      look_at(query.tree.blocks[static_cast<size_t>(~entry.child)], p, query);
+      if (~entry.child != first) look_at(query.tree.blocks[static_cast<size_t>(~entry.child)], p, query);
       continue;
     }
     const TreeNode& node = query.tree.nodes[static_cast<size_t>(entry.child)];
@@ -180,27 +182,16 @@ struct SurfaceIndex::Impl {
     return normals;
   }
 
-  /// Whether a guess is one of the triangles that are searched.
-  bool counts(int triangle, const Query& query) const {
-    if (triangle < 0 || static_cast<size_t>(triangle) >= normals.size()) return false;
-    const Eigen::Vector3f &n = normals[static_cast<size_t>(triangle)], &d = query.direction;
-    if (n.isZero()) return false;
-    // Added up in the order of the lanes, for the same bits.
-    return !query.facing || n.x() * d.x() + n.y() * d.y() + n.z() * d.z() >= query.min_cosine;
-  }
-
   std::optional<Closest> answer(Query& query, int near_triangle) const {
     if (!query.point.allFinite() || !(query.max_distance >= 0)) return std::nullopt;
-    if (counts(near_triangle, query)) {
-      query.measure(near_triangle);
-      if (query.found) query.saw(query.measured());
-    }
-    search(query);
+    const bool guessed = near_triangle >= 0 && static_cast<size_t>(near_triangle) < mesh.triangles.size();
+    const int first = guessed ? tree.block_of_triangle[static_cast<size_t>(near_triangle)] : -1;
+    search(query, first);
     query.measure_candidates();
     if (query.misled()) {
       query.trust_lanes = false;
       query.saw(query.found ? query.measured() : query.max_distance);
-      search(query);
+      search(query, first);
     }
     if (!query.found) return std::nullopt;
     query.best.distance = query.measured();

@@ -244,8 +244,12 @@ SurfaceTree::SurfaceTree(const TriangleMesh& mesh, const std::vector<Eigen::Vect
   append(Part::of(primitives), 0, all);
   nodes = std::move(all.nodes);
   blocks = std::make_unique_for_overwrite<TriangleBlock[]>(all.leaves.size());
-  tbb::parallel_for(size_t{0}, all.leaves.size(),
-                    [&](size_t k) { blocks[k] = block_of(mesh, normals, all.leaves[k]); });
+  block_of_triangle.assign(mesh.triangles.size(), -1);
+  tbb::parallel_for(size_t{0}, all.leaves.size(), [&](size_t k) {
+    blocks[k] = block_of(mesh, normals, all.leaves[k]);
+    for (const Primitive& p : all.leaves[k])
+      block_of_triangle[static_cast<size_t>(p.triangle)] = static_cast<int>(k);
+  });
 }
 
 }  // namespace gantry::internal

@@ -31,6 +31,7 @@ struct SurfaceTree {
 
   std::vector<TreeNode> nodes;
   std::unique_ptr<TriangleBlock[]> blocks;
+  std::vector<int> block_of_triangle;  ///< -1 for those that are left out.
   size_t triangles = 0;    ///< That have an area.
   float longest_side = 0;  ///< mm
 

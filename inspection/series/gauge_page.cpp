@@ -36,15 +36,14 @@ std::string chip(const std::string& words) {
 
 std::string table(const Results& results) {
   std::string html =
-      "<div class=\"defects card\"><table><thead><tr><th>Feature</th><th></th><th "
+      "<div class=\"defects card\"><table><thead><tr><th>Feature</th><th "
       "class=\"n\">Repeatability<br>mm</th>"
       "<th class=\"n\">Reproducibility<br>mm</th><th class=\"n\">Parts<br>mm</th><th class=\"n\">% of "
       "tolerance<br>"
       "95\u202f% interval</th><th class=\"n\">% of study<br>95\u202f% interval</th><th class=\"n\">ndc</th>"
       "<th class=\"n\">Interaction<br>p</th><th>By tolerance</th></tr></thead><tbody>\n";
   for (const GaugeResult* r : results)
-    html += "<tr><td class=\"name\"><b>" + escaped(r->name) + "</b></td>" +
-            cell(escaped(r->words), "text soft") + cell(fixed(r->ev_mm.value, 4)) +
+    html += "<tr>" + series::feature_cell(r->name, r->words) + cell(fixed(r->ev_mm.value, 4)) +
             cell(fixed(r->av_mm.value, 4)) + cell(fixed(r->pv_mm.value, 4)) +
             cell(estimate_text(r->percent_tolerance, 1)) + cell(estimate_text(r->percent_study, 1)) +
             cell(fixed(r->ndc.value, 0)) +

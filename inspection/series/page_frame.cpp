@@ -39,9 +39,14 @@ std::string estimate_text(const Estimate& e, int decimals) {
   if (!std::isfinite(e.value)) return "\u2013";
   std::string text = "<b>" + fixed(e.value, decimals) + "</b>";
   if (std::isfinite(e.low) && std::isfinite(e.high))
-    text += " <span class=\"soft\">" + fixed(e.low, decimals) + "\u2009\u2026\u2009" +
+    text += "<br><span class=\"soft\">" + fixed(e.low, decimals) + "\u2009\u2026\u2009" +
             fixed(e.high, decimals) + "</span>";
   return text;
+}
+
+std::string feature_cell(const std::string& name, const std::string& words) {
+  return "<td class=\"feature\"><b>" + escaped(name) + "</b>" +
+         (words.empty() ? "" : "<br><span class=\"soft\">" + escaped(words) + "</span>") + "</td>";
 }
 
 std::string figure(const std::string& name, const std::string& value, const std::string& note) {

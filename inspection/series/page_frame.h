@@ -22,6 +22,8 @@ std::string page(const std::string& kicker, const std::string& title, const std:
 std::string cell(const std::string& value, const std::string& style = "n");
 /// "1.67" with its interval in small, "–" when there is none.
 std::string estimate_text(const Estimate& estimate, int decimals);
+/// A cell with what a row is about: its name, and smaller what that is.
+std::string feature_cell(const std::string& name, const std::string& words);
 /// One of the figures below the banner.
 std::string figure(const std::string& name, const std::string& value, const std::string& note);
 

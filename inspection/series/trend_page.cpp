@@ -56,7 +56,7 @@ std::string chips(const ControlChart& c) {
 
 std::string table(const Charts& charts, size_t most) {
   std::string html =
-      "<div class=\"defects card\"><table><thead><tr><th>Feature</th><th></th><th class=\"n\">Mean<br>mm</th>"
+      "<div class=\"defects card\"><table><thead><tr><th>Feature</th><th class=\"n\">Mean<br>mm</th>"
       "<th class=\"n\">\u03c3 short-term<br>mm</th><th class=\"n\">Measurement u<br>mm</th>"
       "<th class=\"n\">Cpk<br>95\u202f% interval</th><th class=\"n\">Ppk<br>95\u202f% interval</th>"
       "<th class=\"n\">Drift<br>\u00b5m per run</th><th>State</th></tr></thead><tbody>\n";
@@ -64,8 +64,7 @@ std::string table(const Charts& charts, size_t most) {
     const ControlChart& c = *charts[i];
     Estimate drift = c.drift.per_run_mm;
     for (double* v : {&drift.value, &drift.low, &drift.high}) *v *= 1000;
-    html += "<tr><td class=\"name\"><b>" + escaped(c.name) + "</b></td>" +
-            cell(escaped(c.words), "text soft") + cell(with_sign(c.centre_mm, 4)) +
+    html += "<tr>" + series::feature_cell(c.name, c.words) + cell(with_sign(c.centre_mm, 4)) +
             cell(fixed(c.sigma_mm, 4)) + cell(fixed(c.uncertainty_mm, 4)) +
             cell(estimate_text(c.capability.cpk, 2)) + cell(estimate_text(c.capability.ppk, 2)) +
             cell(estimate_text(drift, 2)) + "<td>" + chips(c) + "</td></tr>\n";

@@ -13,6 +13,7 @@
 #include <BRepPrimAPI_MakeBox.hxx>
 #include <BRepPrimAPI_MakeCylinder.hxx>
 #include <Interface_Static.hxx>
+#include <STEPControl_Controller.hxx>
 #include <STEPControl_Writer.hxx>
 #include <TopoDS_Shape.hxx>
 #endif
@@ -54,8 +55,9 @@ TEST(StepFile, BrokenFilesAreRefused) {
 
 #ifdef GANTRY_HAS_OPENCASCADE
 void write_step(const std::filesystem::path& path, const TopoDS_Shape& shape, const char* unit) {
-  STEPControl_Writer writer;
+  STEPControl_Controller::Init();  // makes the settings known; a writer reads them when it is made
   Interface_Static::SetCVal("write.step.unit", unit);
+  STEPControl_Writer writer;
   ASSERT_EQ(writer.Transfer(shape, STEPControl_AsIs), IFSelect_RetDone);
   ASSERT_EQ(writer.Write(path.c_str()), IFSelect_RetDone);
 }

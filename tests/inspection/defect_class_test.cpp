@@ -269,9 +269,15 @@ TEST_F(LearnedFixture, StrayPointsOfItsScanHideNothing) {
   const PointCloud bulging = displaced(
       sheet_points(), [](const auto& p) { return 0.6f * bump(p, 8, -5, 5); }, false);
   options.fixture_scan = empty_;
-  add_point(*options.fixture_scan, {8, -5, 0.6f}, Eigen::Vector3f::UnitZ(), 0.02f);
-  add_point(*options.fixture_scan, {8.4f, -5, 0.6f}, Eigen::Vector3f::UnitZ(), 0.02f);
-  EXPECT_EQ(inspect(bulging, sheet(), options).defects.size(), 1u);
+  const InspectionResult without = inspect(bulging, sheet(), options);
+  ASSERT_EQ(without.defects.size(), 1u);
+  // All over the bulge, but each by itself.
+  for (int i = -2; i <= 2; ++i)
+    for (int j = -2; j <= 2; ++j)
+      add_point(*options.fixture_scan, {8 + 2.5f * i, -5 + 2.5f * j, 0.4f}, Eigen::Vector3f::UnitZ(), 0.02f);
+  const InspectionResult with = inspect(bulging, sheet(), options);
+  ASSERT_EQ(with.defects.size(), 1u);
+  EXPECT_EQ(with.defects[0].points, without.defects[0].points);
 }
 
 TEST_F(LearnedFixture, AnEmptyScanIsRefused) {
