@@ -1,6 +1,8 @@
 #include "gantry/geometry/point_index.h"
 
 #include <algorithm>
+#include <cmath>
+#include <limits>
 #include <nanoflann.hpp>
 
 namespace gantry {
@@ -18,6 +20,24 @@ struct Adaptor {
 
 using Tree =
     nanoflann::KDTreeSingleIndexAdaptor<nanoflann::L2_Simple_Adaptor<float, Adaptor>, Adaptor, 3, uint32_t>;
+
+/// One neighbour, sought from a distance on that is known to suffice.
+struct NearestOne {
+  float squared;
+  uint32_t index = 0;
+  bool found = false;
+
+  bool full() const { return true; }
+  float worstDist() const { return squared; }
+  bool addPoint(float d, uint32_t i) {
+    if (d < squared) {
+      squared = d;
+      index = i;
+      found = true;
+    }
+    return true;
+  }
+};
 
 }  // namespace
 
@@ -48,6 +68,19 @@ void PointIndex::nearest(const Eigen::Vector3f& query, size_t k, float max_dista
   impl_->tree.findNeighbors(result, query.data(), nanoflann::SearchParams());
   const float limit = max_distance * max_distance;
   for (size_t i = 0; i < result.size() && squared[i] <= limit; ++i) out.push_back({indices[i], squared[i]});
+}
+
+std::optional<PointIndex::Neighbour> PointIndex::nearest(const Eigen::Vector3f& query, float max_distance,
+                                                         int guess) const {
+  const auto& points = impl_->adaptor.points;
+  if (points.empty()) return std::nullopt;
+  const float limit = max_distance * max_distance;
+  NearestOne one{std::nextafter(limit, std::numeric_limits<float>::infinity())};
+  if (guess >= 0 && static_cast<size_t>(guess) < points.size())
+    one.addPoint((points[static_cast<size_t>(guess)] - query).squaredNorm(), static_cast<uint32_t>(guess));
+  impl_->tree.findNeighbors(one, query.data(), nanoflann::SearchParams());
+  if (!one.found) return std::nullopt;
+  return Neighbour{one.index, one.squared};
 }
 
 void PointIndex::within(const Eigen::Vector3f& query, float radius, std::vector<Neighbour>& out) const {

@@ -85,7 +85,7 @@ std::vector<float> Fixture::distances(const std::vector<Eigen::Vector3f>& points
   if (!known()) return distances;
   for_each_run(points, [&](std::span<const uint32_t> run) {
     int near = -1;
-    std::vector<PointIndex::Neighbour> nearest;
+    int near_scan = -1;
     for (const uint32_t i : run) {
       if (mesh_)
         if (const auto closest = mesh_->closest(points[i], reach_mm, near)) {
@@ -93,9 +93,10 @@ std::vector<float> Fixture::distances(const std::vector<Eigen::Vector3f>& points
           near = closest->triangle;
         }
       if (!learned_) continue;
-      learned_->index->nearest(points[i], 1, reach_mm, nearest);
-      if (!nearest.empty())
-        distances[i] = std::min(distances[i], learned_->distance(points[i], nearest.front()));
+      const auto nearest = learned_->index->nearest(points[i], reach_mm, near_scan);
+      if (!nearest) continue;
+      near_scan = static_cast<int>(nearest->index);
+      distances[i] = std::min(distances[i], learned_->distance(points[i], *nearest));
     }
   });
   return distances;

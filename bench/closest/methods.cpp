@@ -118,10 +118,11 @@ std::vector<float> nearest_by_gantry(const PointCloud& cloud, const PointCloud& 
   const DistanceReference reference(others);
   std::vector<float> distances(cloud.size());
   for_each_run(cloud.points, [&](std::span<const uint32_t> run) {
-    std::vector<PointIndex::Neighbour> nearest;
+    int near = -1;
     for (const uint32_t i : run) {
-      reference.index().nearest(cloud.points[i], 1, kAnywhere_mm, nearest);
-      distances[i] = std::sqrt(nearest[0].squared_distance);
+      const auto nearest = reference.index().nearest(cloud.points[i], kAnywhere_mm, near);
+      near = static_cast<int>(nearest->index);
+      distances[i] = std::sqrt(nearest->squared_distance);
     }
   });
   return distances;

@@ -27,11 +27,12 @@ size_t main_direction(const PointCloud& cloud, size_t i) {
 
 /// The largest deviation around a point, on its tangent plane and no further away than its neighbours are.
 /// Only where the CAD surface lies sideways (material in a missing hole): the deviation then changes as
-/// fast as the position does, while along the normal the tangent plane would overshoot.
+/// fast as the position does, while along the normal the tangent plane would overshoot. And only between
+/// points: beyond the rim of what was measured there is nothing to climb to.
 float climb(const InspectionResult& result, const LocalSurface& surface, const SignedDistance& reference,
             const InspectionOptions& options, size_t i) {
   float best = result.deviation_mm[i];
-  if (!result.cloud.has_normals()) return best;
+  if (!result.cloud.has_normals() || surface.rim[i]) return best;
   const Eigen::Vector3f normal = result.cloud.normals[i];
   const Eigen::Vector3f u = normal.unitOrthogonal(), v = normal.cross(u);
   const auto min_cosine = static_cast<float>(std::cos(options.max_angle_rad));

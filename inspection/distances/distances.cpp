@@ -111,13 +111,18 @@ double mean_magnitude_of(std::span<const float> values) {
   return sum / static_cast<double>(count);
 }
 
+/// `from` is in Morton order: what is nearest to one point is a good guess for the next.
 Neighbours nearest_of(const PointCloud& from, const PointIndex& to) {
+  constexpr size_t kRun = 1024;
   Neighbours nearest(from.size());
-  tbb::parallel_for(size_t{0}, from.size(), [&](size_t i) {
-    thread_local Neighbours one;
-    to.nearest(from.points[i], 1, kAnywhere, one);
-    require(!one.empty(), "the clouds are too far apart to be compared");
-    nearest[i] = one[0];
+  tbb::parallel_for(size_t{0}, (from.size() + kRun - 1) / kRun, [&](size_t run) {
+    int guess = -1;
+    for (size_t i = run * kRun; i < std::min(from.size(), (run + 1) * kRun); ++i) {
+      const auto one = to.nearest(from.points[i], kAnywhere, guess);
+      require(one.has_value(), "the clouds are too far apart to be compared");
+      nearest[i] = *one;
+      guess = static_cast<int>(one->index);
+    }
   });
   return nearest;
 }

@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -24,6 +25,9 @@ class PointIndex {
 
   /// Up to k neighbours within `max_distance`, nearest first, written to `out` (cleared first).
   void nearest(const Eigen::Vector3f& query, size_t k, float max_distance, std::vector<Neighbour>& out) const;
+  /// The one nearest within `max_distance`, if any; of equally near ones any. `guess`, if not negative, is the
+  /// index of a point that may be it, such as the answer for a neighbouring query: it saves most of the time.
+  std::optional<Neighbour> nearest(const Eigen::Vector3f& query, float max_distance, int guess = -1) const;
   /// All neighbours within the radius, in no particular order.
   void within(const Eigen::Vector3f& query, float radius, std::vector<Neighbour>& out) const;
 
