@@ -460,7 +460,10 @@ TEST_F(GenicamScanner, AFrameThatNobodyAskedForIsNoticed) {
     std::this_thread::sleep_for(std::chrono::milliseconds(5));
   }
   ASSERT_EQ(wire_->camera().statistics().frames_sent, 2u);
-  const Result<Capture> jumped = scanner->capture(kQuick);
+  Result<Capture> jumped = scanner->capture(kQuick);
+  // Sent is not yet received: a frame that comes in after the trigger is taken for the one asked for, and it
+  // is the frame left over that tells.
+  if (jumped) jumped = scanner->capture(kQuick);
   ASSERT_FALSE(jumped);
   EXPECT_EQ(jumped.error().kind, FaultKind::kDataLoss) << jumped.error().text();
   const Scan truth = wire_->show(2);

@@ -324,6 +324,15 @@ TEST(Inspection, TooLittleCoverageIsUndecided) {
   EXPECT_EQ(inspect(quarter, sheet(), options).verdict, Verdict::kPass);
 }
 
+TEST(Inspection, NoPeakIsMadeUpBeyondTheRimOfWhatWasMeasured) {
+  PointCloud cloud = sheet_points(0.005f);
+  for (float y = -15; y < 15; y += kSpacingMm)  // a little over the edge of the top
+    add_point(cloud, {30.25f, y, 0}, Eigen::Vector3f::UnitZ(), 0.005f);
+  const InspectionResult result = inspect(cloud, sheet(), as_it_stands());
+  ASSERT_EQ(result.defects.size(), 1u);
+  EXPECT_NEAR(result.defects[0].peak_mm, 0.25, 0.02);
+}
+
 TEST(Inspection, WhatTheUncertaintyCannotTellIsUndecided) {
   InspectionOptions options = as_it_stands();
   options.systematic_sigma_mm = 0.05;  // the guard band is a little more than 0.082 mm
