@@ -94,10 +94,9 @@ void print_uncertainty(const InspectionResult& result) {
   const UncertaintyBudget& u = result.budget;
   char poses[32] = "unknown";
   if (result.poses_known) std::snprintf(poses, sizeof poses, "%.4f", u.scan_poses);
-  std::printf(
-      "  uncertainty ±%.4f mm (95 %%) of a typical point; standard: noise %.4f, scan poses %s, "
-      "alignment %.4f, sensor %.4f mm\n",
-      kCoverageFactor95 * u.combined(), u.noise, poses, u.alignment, u.sensor);
+  std::printf("  certain to ±%.4f mm (95 %%) at a typical point\n", kCoverageFactor95 * u.combined());
+  std::printf("             standard: noise %.4f, scan poses %s, alignment %.4f, sensor %.4f mm\n", u.noise,
+              poses, u.alignment, u.sensor);
 }
 
 void print_summary(const InspectionResult& result, const InspectionOptions& options, size_t triangles,
@@ -140,6 +139,7 @@ ExitCode inspect_and_report(const PointCloud& cloud, const TriangleMesh& referen
                                 {"class", to_string(d.kind)},
                                 {"face", d.face},
                                 {"centre_mm", {d.centre_mm.x(), d.centre_mm.y(), d.centre_mm.z()}}});
+    out["doubtful_regions"] = result.doubtful.size();
     out["unseen_mm2"] = result.unseen_mm2;
     out["unseen_regions"] = result.unseen.size();
     std::printf("%s\n", out.dump().c_str());

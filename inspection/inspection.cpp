@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <limits>
 
 #include "cad_faces/patch_statistics.h"
@@ -23,7 +22,6 @@ namespace {
 
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 constexpr size_t kBudgetPoints = 100000;  ///< So many tell what a typical point is uncertain by.
-constexpr double kLeastFit = 0.3;         ///< A fit to fewer of the points than this is no alignment.
 
 void validate(const PointCloud& cloud, const InspectionOptions& o) {
   const auto require = [](bool ok, const std::string& what) {

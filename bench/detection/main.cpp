@@ -146,7 +146,7 @@ std::string page_of(const Options& o, const Outcome& outcome, double cpu_s) {
   page +=
       "*Listed*: a region out of tolerance has its peak within the dent (1 mm beside it at most). *Certain*: "
       "and it "
-      "exceeds the tolerance by more than its uncertainty U, so that the verdict is FAIL. Curves are "
+      "exceeds the tolerance by more than the guard band, so that the verdict is FAIL. Curves are "
       "logistic in log "
       "depth, as MIL-HDBK-1823A has it for hit/miss data, fitted by Firth's penalised likelihood: a50 and "
       "a90 are the "

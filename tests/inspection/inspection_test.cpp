@@ -364,6 +364,20 @@ TEST(Inspection, WhatTheUncertaintyCannotTellIsUndecided) {
   EXPECT_EQ(result(0.25f).verdict, Verdict::kFail);
 }
 
+TEST(Inspection, WhatIsFoundInACloudThatIsInDoubtIsNoVerdict) {
+  for (const float height : {0.0f, 0.6f}) {
+    InspectionOptions options = as_it_stands();
+    const PointCloud cloud = with_top(sheet_points(0.02f), bump(8, -5, height));
+    const Verdict believed = inspect(cloud, sheet(), options).verdict;
+    EXPECT_EQ(believed, height > 0 ? Verdict::kFail : Verdict::kPass);
+    options.doubt = "scan 3 contradicts the others";
+    const InspectionResult doubted = inspect(cloud, sheet(), options);
+    EXPECT_EQ(doubted.verdict, Verdict::kUndecided);
+    EXPECT_NE(doubted.reason.find("scan 3 contradicts the others"), std::string::npos) << doubted.reason;
+    EXPECT_EQ(doubted.defects.size(), height > 0 ? 1u : 0u) << "shown all the same";
+  }
+}
+
 TEST(Inspection, AnAlignmentThatFailsIsUndecided) {
   PointCloud cloud = sheet_points(0.02f);
   for (auto& p : cloud.points) p.z() += 300;

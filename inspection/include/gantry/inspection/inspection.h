@@ -35,6 +35,9 @@ struct InspectionOptions {
   /// Motions that lay the CAD model onto itself to within this are looked for: the poses of the cloud that
   /// they lead to cannot be told apart. 0: not looked for.
   double symmetry_tolerance_mm = 0.05;
+  /// Why the cloud itself is not to be relied on (its scans were not registered for certain); the verdict is
+  /// then UNDECIDED, whatever is found. Empty: it is.
+  std::string doubt;
   double max_distance_mm = 10;  ///< Points further from the CAD surface than this do not belong to the part.
   /// A point is measured to faces whose normal is within this of its own (100 degrees): never to the
   /// other face of a thin wall, but past an edge.
