@@ -196,7 +196,6 @@ ExitCode run(const RunCommand& command) {
   progress.stage("inspecting");
   InspectionOptions inspection;
   inspection.tolerance_mm = plan.tolerance_mm;
-  inspection.doubt = fused.reason;
   inspection.systematic_sigma_mm = cell.chain.sensor_systematic_sigma_mm;
   inspection.fixture = std::move(fixture);
   progress.clear();

@@ -241,6 +241,7 @@ FusionResult Fusion::finish() {
     result.merged = merge_surfaces(scans, after, impl_->options.merge, &result.merge);
     auto sources = std::make_shared<CloudSources>(*result.merged.sources);
     sources->pose_covariance = covariance_of_kept(result, first_as_tagged);
+    if (!result.trusted) sources->doubt = result.reason;
     result.merged.sources = std::move(sources);
     result.timings_s.emplace_back("merge", merging.seconds());
   }

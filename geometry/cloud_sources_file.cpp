@@ -1,5 +1,6 @@
 #include "cloud_sources_file.h"
 
+#include <algorithm>
 #include <cmath>
 #include <cstdlib>
 #include <ostream>
@@ -46,6 +47,7 @@ std::shared_ptr<const CloudSources> sources_of(const RawSources& raw, const std:
   if (raw.shares.empty()) return nullptr;
   auto sources = std::make_shared<CloudSources>();
   sources->scans = raw.scans;
+  sources->doubt = raw.doubt;
   sources->pose_covariance = covariance_of(raw, unit_mm, path);
   sources->first.push_back(0);
   size_t at = 0;
@@ -76,6 +78,9 @@ std::shared_ptr<const CloudSources> sources_of(const RawSources& raw, const std:
 
 void write_sources_comments(std::ostream& header, const CloudSources& sources) {
   for (const std::string& name : sources.scans) header << "comment gantry scan " << name << "\n";
+  std::string line = sources.doubt;
+  std::replace(line.begin(), line.end(), '\n', ' ');
+  if (!line.empty()) header << "comment gantry doubt " << line << "\n";
 }
 
 void write_sources_elements(std::ostream& header, const CloudSources& sources) {

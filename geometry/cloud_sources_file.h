@@ -12,6 +12,7 @@
 /// CloudSources in a PLY file, where programs that know nothing of them read past:
 ///
 ///   comment gantry scan NAME                 one line for each scan
+///   comment gantry doubt REASON              where there is one
 ///   property ushort scans                    of a vertex: by how many scans it was measured
 ///   element scan_share N                     of vertex after vertex
 ///   property ushort scan                     which, from 0 in the order of the comments
@@ -24,6 +25,7 @@ namespace gantry::internal {
 /// As they stand in the file.
 struct RawSources {
   std::vector<std::string> scans;
+  std::string doubt;
   std::vector<CloudSources::Share> shares;
   std::vector<double> pose_covariance;
 };

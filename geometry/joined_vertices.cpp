@@ -3,11 +3,14 @@
 #include <bit>
 #include <cstdint>
 
+#include "large_pages.h"
+
 namespace gantry::internal {
 
 std::vector<int> joined_by_position(const std::vector<Eigen::Vector3f>& vertices) {
   const size_t slots = std::bit_ceil(2 * vertices.size() + 1);
-  std::vector<int> table(slots, -1), joined(vertices.size());
+  LargeVector<int> table(slots, -1);
+  std::vector<int> joined(vertices.size());
   for (size_t i = 0; i < vertices.size(); ++i) {
     uint64_t hash = 0;
     for (const float c : vertices[i])

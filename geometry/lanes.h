@@ -31,6 +31,11 @@ struct Lanes3 {
   Lanes x, y, z;
 };
 
+GANTRY_INLINE void set_lane(Lanes3& lanes, int lane, float x, float y, float z) {
+  lanes.x[lane] = x;
+  lanes.y[lane] = y;
+  lanes.z[lane] = z;
+}
 GANTRY_INLINE Lanes3 subtract(const Lanes3& a, const Lanes3& b) {
   return {a.x - b.x, a.y - b.y, a.z - b.z};
 }

@@ -32,6 +32,7 @@ struct Header {
   std::vector<Element> elements;
   size_t columns = 0, rows = 0;    ///< Of the range grid.
   std::vector<std::string> scans;  ///< Names, of RawSources.
+  std::string doubt;               ///< Of RawSources, too.
 };
 
 NumberType number_type(const HeaderReader& header, const std::string& word) {
@@ -91,6 +92,7 @@ Header read_header(HeaderReader& reader) {
     } else if (words[0] == "comment") {
       if (words.size() > 3 && words[1] == "gantry" && words[2] == "scan")
         header.scans.push_back(joined(words, 3));
+      if (words.size() > 3 && words[1] == "gantry" && words[2] == "doubt") header.doubt = joined(words, 3);
     } else {
       reader.fail("its header is broken: unknown word '" + words[0] + "'");
     }
@@ -111,6 +113,7 @@ class Body {
       fail("expected one element 'vertex'");
     for (const Element& element : header_.elements) read_element(element);
     table_.sources.scans = header_.scans;
+    table_.sources.doubt = header_.doubt;
     if (grid_)
       spread_over_grid();
     else if (is_grid_of_vertices(camera_size_)) {

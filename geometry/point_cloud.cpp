@@ -7,6 +7,7 @@ std::shared_ptr<const CloudSources> select(const CloudSources& all, std::span<co
   auto some = std::make_shared<CloudSources>();
   some->scans = all.scans;
   some->pose_covariance = all.pose_covariance;
+  some->doubt = all.doubt;
   some->first.reserve(which.size() + 1);
   some->first.push_back(0);
   for (const uint32_t i : which) {

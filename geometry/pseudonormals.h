@@ -6,6 +6,7 @@
 
 #include "gantry/geometry/closest_on_triangle.h"
 #include "gantry/geometry/triangle_mesh.h"
+#include "large_pages.h"
 
 namespace gantry::internal {
 
@@ -37,8 +38,8 @@ class Pseudonormals {
   const std::vector<Eigen::Vector3f>& normals_;
   std::vector<int> joined_;      ///< For every vertex the first one at the same position.
   std::vector<uint32_t> first_;  ///< Of every vertex's triangles in around_; one more at the end.
-  std::vector<int> around_;      ///< Triangles around each vertex.
-  std::vector<Pseudonormal> vertices_;
+  LargeVector<int> around_;      ///< Triangles around each vertex.
+  LargeVector<Pseudonormal> vertices_;
 };
 
 }  // namespace gantry::internal

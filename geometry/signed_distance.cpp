@@ -5,8 +5,9 @@
 namespace gantry {
 
 SignedDistance::SignedDistance(TriangleMesh mesh)
-    : surface_(std::move(mesh)),
-      pseudonormals_(std::make_unique<internal::Pseudonormals>(surface_.mesh(), surface_.normals())) {}
+    : surface_(std::move(mesh), [this](const TriangleMesh& of, const std::vector<Eigen::Vector3f>& normals) {
+        pseudonormals_ = std::make_unique<internal::Pseudonormals>(of, normals);
+      }) {}
 
 SignedDistance::~SignedDistance() = default;
 SignedDistance::SignedDistance(SignedDistance&&) noexcept = default;
@@ -19,8 +20,9 @@ SignedDistance::Value SignedDistance::signed_value(const SurfaceIndex::Closest& 
 }
 
 std::optional<SignedDistance::Value> SignedDistance::operator()(const Eigen::Vector3f& point,
-                                                                float max_distance, int near_triangle) const {
-  const auto closest = surface_.closest(point, max_distance, near_triangle);
+                                                                float max_distance,
+                                                                SurfaceIndex::Hint hint) const {
+  const auto closest = surface_.closest(point, max_distance, hint);
   if (!closest) return std::nullopt;
   return signed_value(*closest);
 }
@@ -28,8 +30,8 @@ std::optional<SignedDistance::Value> SignedDistance::operator()(const Eigen::Vec
 std::optional<SignedDistance::Value> SignedDistance::operator()(const Eigen::Vector3f& point,
                                                                 const Eigen::Vector3f& normal,
                                                                 float min_cosine, float max_distance,
-                                                                int near_triangle) const {
-  const auto closest = surface_.closest_facing(point, max_distance, normal, min_cosine, near_triangle);
+                                                                SurfaceIndex::Hint hint) const {
+  const auto closest = surface_.closest_facing(point, max_distance, normal, min_cosine, hint);
   if (!closest) return std::nullopt;
   return signed_value(*closest);
 }

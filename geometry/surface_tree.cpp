@@ -1,6 +1,8 @@
 #include "surface_tree.h"
 
+#include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
+#include <tbb/parallel_reduce.h>
 
 #include <Eigen/Core>
 #include <algorithm>
@@ -13,7 +15,6 @@
 namespace gantry::internal {
 namespace {
 
-constexpr float kFarOutside_mm = 1e18f;  ///< Its square still fits a float.
 constexpr size_t kBins = 16;
 /// Subtrees of more triangles are built as tasks of their own.
 constexpr size_t kTask = 20000;
@@ -148,9 +149,7 @@ std::vector<Part> split_in_eight(const Part& whole, int level) {
 }
 
 void set(Lanes3& lanes, int lane, const Eigen::Vector3f& v) {
-  lanes.x[lane] = v.x();
-  lanes.y[lane] = v.y();
-  lanes.z[lane] = v.z();
+  set_lane(lanes, lane, v.x(), v.y(), v.z());
 }
 
 TriangleBlock block_of(const TriangleMesh& mesh, const std::vector<Eigen::Vector3f>& normals, Range range) {
@@ -158,7 +157,7 @@ TriangleBlock block_of(const TriangleMesh& mesh, const std::vector<Eigen::Vector
   for (size_t k = 0; k < kLanes; ++k) {
     const int lane = static_cast<int>(k);
     block.triangle[k] = -1;
-    set(block.a, lane, Eigen::Vector3f::Constant(kFarOutside_mm));
+    set(block.a, lane, Eigen::Vector3f::Constant(SurfaceTree::kFarOutside_mm));
     if (k >= range.size()) continue;
     const auto t = static_cast<size_t>(range[k].triangle);
     const Eigen::Vector3i& corners = mesh.triangles[t];
@@ -180,7 +179,7 @@ TriangleBlock block_of(const TriangleMesh& mesh, const std::vector<Eigen::Vector
 }
 
 struct Subtree {
-  std::vector<TreeNode> nodes;
+  LargeVector<TreeNode> nodes;
   std::vector<Range> leaves;  ///< The blocks to be.
 };
 
@@ -202,7 +201,7 @@ void append(const Part& whole, int level, Subtree& to) {
   const std::vector<Part> parts = split_in_eight(whole, level);
   for (int k = 0; k < kLanes; ++k) {
     const bool used = static_cast<size_t>(k) < parts.size();
-    const Eigen::Vector3f outside = Eigen::Vector3f::Constant(kFarOutside_mm);
+    const Eigen::Vector3f outside = Eigen::Vector3f::Constant(SurfaceTree::kFarOutside_mm);
     set(node.low, k, used ? parts[static_cast<size_t>(k)].bounds.low.head<3>() : outside);
     set(node.high, k, used ? parts[static_cast<size_t>(k)].bounds.high.head<3>() : outside);
     node.child[k] = ~0;
@@ -228,22 +227,28 @@ void append(const Part& whole, int level, Subtree& to) {
 }  // namespace
 
 SurfaceTree::SurfaceTree(const TriangleMesh& mesh, const std::vector<Eigen::Vector3f>& normals) {
-  std::vector<Primitive> primitives;
-  primitives.reserve(mesh.triangles.size());
-  for (size_t t = 0; t < mesh.triangles.size(); ++t) {
-    if (normals[t].isZero()) continue;
-    Primitive& p = primitives.emplace_back();
-    p.triangle = static_cast<int>(t);
-    for (const int corner : mesh.triangles[t])
-      p.box.extend(mesh.vertices[static_cast<size_t>(corner)].homogeneous().array());
-    longest_side = std::max(longest_side, (p.box.high - p.box.low).head<3>().matrix().norm());
-  }
+  LargeVector<Primitive> primitives(mesh.triangles.size());
+  longest_side = tbb::parallel_reduce(
+      tbb::blocked_range(size_t{0}, primitives.size()), 0.0f,
+      [&](const auto& range, float longest) {
+        for (size_t t = range.begin(); t < range.end(); ++t) {
+          Primitive& p = primitives[t] = {};
+          if (normals[t].isZero()) continue;
+          p.triangle = static_cast<int>(t);
+          for (const int corner : mesh.triangles[t])
+            p.box.extend(mesh.vertices[static_cast<size_t>(corner)].homogeneous().array());
+          longest = std::max(longest, (p.box.high - p.box.low).head<3>().matrix().norm());
+        }
+        return longest;
+      },
+      [](float a, float b) { return std::max(a, b); });
+  std::erase_if(primitives, [](const Primitive& p) { return p.triangle < 0; });
   triangles = primitives.size();
   if (primitives.empty()) return;
   Subtree all;
   append(Part::of(primitives), 0, all);
   nodes = std::move(all.nodes);
-  blocks = std::make_unique_for_overwrite<TriangleBlock[]>(all.leaves.size());
+  blocks.resize(all.leaves.size());
   block_of_triangle.assign(mesh.triangles.size(), -1);
   tbb::parallel_for(size_t{0}, all.leaves.size(), [&](size_t k) {
     blocks[k] = block_of(mesh, normals, all.leaves[k]);

@@ -1,11 +1,11 @@
 #pragma once
 
 #include <cstddef>
-#include <memory>
 #include <vector>
 
 #include "gantry/geometry/triangle_mesh.h"
 #include "lanes.h"
+#include "large_pages.h"
 
 namespace gantry::internal {
 
@@ -28,13 +28,16 @@ struct TreeNode {
 /// volume hierarchies", 2007). Triangles without area are left out. The first node is the root.
 struct SurfaceTree {
   static constexpr int kMostLevels = 56;
+  static constexpr float kFarOutside_mm =
+      1e18f;  ///< Of lanes that are not used; its square still fits a float.
 
-  std::vector<TreeNode> nodes;
-  std::unique_ptr<TriangleBlock[]> blocks;
+  LargeVector<TreeNode> nodes;
+  LargeVector<TriangleBlock> blocks;
   std::vector<int> block_of_triangle;  ///< -1 for those that are left out.
-  size_t triangles = 0;    ///< That have an area.
-  float longest_side = 0;  ///< mm
+  size_t triangles = 0;                ///< That have an area.
+  float longest_side = 0;              ///< mm
 
+  SurfaceTree() = default;
   /// With the unit normals of the triangles, zero for those without area.
   SurfaceTree(const TriangleMesh& mesh, const std::vector<Eigen::Vector3f>& normals);
 };

@@ -84,18 +84,14 @@ std::vector<float> Fixture::distances(const std::vector<Eigen::Vector3f>& points
   std::vector<float> distances(points.size(), std::numeric_limits<float>::infinity());
   if (!known()) return distances;
   for_each_run(points, [&](std::span<const uint32_t> run) {
-    int near = -1;
-    int near_scan = -1;
+    SurfaceIndex::Neighbourhood near;
+    PointIndex::Neighbourhood near_scan;
     for (const uint32_t i : run) {
       if (mesh_)
-        if (const auto closest = mesh_->closest(points[i], reach_mm, near)) {
-          distances[i] = closest->distance;
-          near = closest->triangle;
-        }
+        if (const auto closest = mesh_->closest(points[i], reach_mm, near)) distances[i] = closest->distance;
       if (!learned_) continue;
       const auto nearest = learned_->index->nearest(points[i], reach_mm, near_scan);
       if (!nearest) continue;
-      near_scan = static_cast<int>(nearest->index);
       distances[i] = std::min(distances[i], learned_->distance(points[i], *nearest));
     }
   });

@@ -152,12 +152,11 @@ InspectionResult inspect(const PointCloud& cloud, const SignedDistance& referenc
     }
   };
   for_each_run(surface.points, [&](std::span<const uint32_t> run) {
-    int near = -1;
+    SurfaceIndex::Neighbourhood near;
     for (const uint32_t i : run) {
       const Eigen::Vector3f& p = surface.points[i];
       const auto value = cloud.has_normals() ? reference(p, result.cloud.normals[i], min_cosine, reach, near)
                                              : reference(p, reach, near);
-      if (value) near = value->triangle;
       judge(i, value);
     }
   });
@@ -166,6 +165,7 @@ InspectionResult inspect(const PointCloud& cloud, const SignedDistance& referenc
   result.beside_border =
       static_cast<size_t>(std::count(beside_border.begin(), beside_border.end(), uint8_t{1}));
   result.budget = medians_of(samples);
+  if (cloud.sources) result.doubt = cloud.sources->doubt;
   result.poses_known = cloud.sources && cloud.sources->pose_covariance.size() > 0;
   result.statistics = statistics_of(result.deviation_mm, options.tolerance_mm);
   const internal::CoverageSamples coverage = internal::sample_coverage(reference, feet, 1.0);

@@ -42,8 +42,8 @@ Decision decision_on(const InspectionResult& result, const InspectionOptions& op
   };
   const size_t certain = count([](const Defect& d) { return d.certain; });
   const auto is_residue = [](const Defect& d) { return d.kind == DefectClass::kRegistrationResidue; };
-  if (!options.doubt.empty())
-    return {Verdict::kUndecided, "The cloud is not to be relied on: " + options.doubt + "."};
+  if (!result.doubt.empty())
+    return {Verdict::kUndecided, "The cloud is not to be relied on: " + result.doubt + "."};
   if (options.align && !alignment.converged && alignment.inlier_fraction < kLeastFit)
     return {Verdict::kUndecided,
             "The alignment to the CAD model failed: is the cloud of this part, in this frame and unit?"};

@@ -63,12 +63,8 @@ std::vector<float> by_gantry(const PointCloud& cloud, TriangleMesh mesh) {
   const SignedDistance distance(std::move(mesh));
   std::vector<float> distances(cloud.size());
   for_each_run(cloud.points, [&](std::span<const uint32_t> run) {
-    int near = -1;
-    for (const uint32_t i : run) {
-      const auto value = distance(cloud.points[i], kAnywhere_mm, near);
-      distances[i] = value->distance;
-      near = value->triangle;
-    }
+    SurfaceIndex::Neighbourhood near;
+    for (const uint32_t i : run) distances[i] = distance(cloud.points[i], kAnywhere_mm, near)->distance;
   });
   return distances;
 }
@@ -118,12 +114,10 @@ std::vector<float> nearest_by_gantry(const PointCloud& cloud, const PointCloud& 
   const DistanceReference reference(others);
   std::vector<float> distances(cloud.size());
   for_each_run(cloud.points, [&](std::span<const uint32_t> run) {
-    int near = -1;
-    for (const uint32_t i : run) {
-      const auto nearest = reference.index().nearest(cloud.points[i], kAnywhere_mm, near);
-      near = static_cast<int>(nearest->index);
-      distances[i] = std::sqrt(nearest->squared_distance);
-    }
+    PointIndex::Neighbourhood near;
+    for (const uint32_t i : run)
+      distances[i] =
+          std::sqrt(reference.index().nearest(cloud.points[i], kAnywhere_mm, near)->squared_distance);
   });
   return distances;
 }

@@ -111,17 +111,16 @@ double mean_magnitude_of(std::span<const float> values) {
   return sum / static_cast<double>(count);
 }
 
-/// `from` is in Morton order: what is nearest to one point is a good guess for the next.
+/// `from` is in Morton order.
 Neighbours nearest_of(const PointCloud& from, const PointIndex& to) {
   constexpr size_t kRun = 1024;
   Neighbours nearest(from.size());
   tbb::parallel_for(size_t{0}, (from.size() + kRun - 1) / kRun, [&](size_t run) {
-    int guess = -1;
+    PointIndex::Neighbourhood near;
     for (size_t i = run * kRun; i < std::min(from.size(), (run + 1) * kRun); ++i) {
-      const auto one = to.nearest(from.points[i], kAnywhere, guess);
+      const auto one = to.nearest(from.points[i], kAnywhere, near);
       require(one.has_value(), "the clouds are too far apart to be compared");
       nearest[i] = *one;
-      guess = static_cast<int>(one->index);
     }
   });
   return nearest;
@@ -253,12 +252,11 @@ class Comparison {
     r.distance_mm.resize(a_.size());
     std::atomic<size_t> beside_border = 0;
     for_each_run(a_.points, [&](std::span<const uint32_t> run) {
-      int near = -1;
+      SurfaceIndex::Neighbourhood near;
       for (const uint32_t i : run) {
         const auto value = (*reference_.mesh())(a_.points[i], kAnywhere, near);
         require(value.has_value(), "the cloud is too far from the mesh to be compared");
         r.distance_mm[i] = value->distance;
-        near = value->triangle;
         if (value->at_border) ++beside_border;
       }
     });

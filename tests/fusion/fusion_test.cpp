@@ -84,6 +84,7 @@ TEST_P(FusionMethod, PutsTheViewsTogether) {
   const Views& views = bracket_views();
   const FusionResult result = fuse(views.scans, GetParam());
   EXPECT_TRUE(result.trusted) << result.reason;
+  EXPECT_EQ(result.merged.sources->doubt, "");
   EXPECT_EQ(result.reason, "");
   EXPECT_EQ(result.advice, "");
   EXPECT_EQ(result.method, GetParam());
@@ -129,6 +130,7 @@ TEST_P(FusionMethod, DoesNotTrustAScanThatLiesWhereAnotherLookedThrough) {
   const FusionResult result = fuse(scans, GetParam());
   EXPECT_FALSE(result.trusted);
   EXPECT_NE(result.reason.find("view2"), std::string::npos) << result.reason;
+  EXPECT_EQ(result.merged.sources->doubt, result.reason) << "whoever inspects the cloud must know";
   EXPECT_NE(result.advice, "");
 }
 

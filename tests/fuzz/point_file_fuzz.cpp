@@ -40,8 +40,8 @@ std::string written_scan() {
 /// A merged cloud of two points that says which of two scans they come from.
 std::string merged_ply() {
   std::string file =
-      "ply\nformat ascii 1.0\ncomment gantry scan a\ncomment gantry scan b b\nelement vertex 2\n"
-      "property float x\nproperty float y\nproperty float z\nproperty ushort scans\n"
+      "ply\nformat ascii 1.0\ncomment gantry scan a\ncomment gantry scan b b\n"
+      "comment gantry doubt of b\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\nproperty ushort scans\n"
       "element scan_share 3\nproperty ushort scan\nproperty ushort parts\nelement pose_covariance 144\n"
       "property double number\nend_header\n1 2 3 2\n4 5 6 1\n0 30000\n1 35535\n1 65535\n";
   for (int i = 0; i < 144; ++i) file += i % 13 == 0 ? "1e-6\n" : "0\n";

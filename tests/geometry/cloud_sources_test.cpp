@@ -21,6 +21,7 @@ PointCloud sample_cloud() {
   PointCloud cloud;
   auto sources = std::make_shared<CloudSources>();
   sources->scans = {"front", "left side", "top"};
+  sources->doubt = "top contradicts the others";
   sources->first.push_back(0);
   for (size_t i = 0; i < kPoints; ++i) {
     cloud.points.emplace_back(normal(random), normal(random), normal(random));
@@ -40,6 +41,7 @@ PointCloud sample_cloud() {
 
 void expect_same(const CloudSources& a, const CloudSources& b) {
   EXPECT_EQ(a.scans, b.scans);
+  EXPECT_EQ(a.doubt, b.doubt);
   EXPECT_EQ(a.first, b.first);
   ASSERT_EQ(a.shares.size(), b.shares.size());
   for (size_t i = 0; i < a.shares.size(); ++i) {
@@ -58,6 +60,7 @@ std::string as_text(const PointCloud& cloud) {
   std::string text = "ply\nformat ascii 1.0\n";
   const CloudSources& s = *cloud.sources;
   for (const auto& name : s.scans) text += "comment gantry scan " + name + "\n";
+  text += "comment gantry doubt " + s.doubt + "\n";
   text += "element vertex " + std::to_string(cloud.size()) +
           "\nproperty float x\nproperty float y\nproperty float z\nproperty ushort scans\n" +
           "element scan_share " + std::to_string(s.shares.size()) +

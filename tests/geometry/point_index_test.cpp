@@ -65,21 +65,24 @@ TEST_F(PointIndexTest, NearestAgreesWithBruteForce) {
     }
 }
 
-TEST_F(PointIndexTest, TheNearestOneDoesNotDependOnTheGuess) {
+TEST_F(PointIndexTest, TheNearestOneDoesNotDependOnTheQueriesBefore) {
   const PointIndex index(points_);
+  PointIndex::Neighbourhood near;
   for (int i = 0; i < 500; ++i) {
     const Eigen::Vector3f q = i % 3 ? query() : grid_point();
     const float least = sorted_distances(q)[0];
-    for (const int guess : {-1, 0, static_cast<int>(random_() % points_.size()), 1'000'000}) {
-      const auto found = index.nearest(q, kFar, guess);
+    for (const auto& found : {index.nearest(q, kFar), index.nearest(q, kFar, near)}) {
       ASSERT_TRUE(found);
       expect_honest(q, {*found});
       ASSERT_NEAR(found->squared_distance, least, 1e-3);
-      EXPECT_EQ(index.nearest(q, 0.99f * std::sqrt(least), guess).has_value(), least == 0);
     }
-    EXPECT_TRUE(index.nearest(points_[200], 0)) << "what lies at the maximum distance is within it";
+    EXPECT_EQ(index.nearest(q, 0.99f * std::sqrt(least)).has_value(), least == 0);
+    EXPECT_EQ(index.nearest(q, 0.99f * std::sqrt(least), near).has_value(), least == 0);
+    EXPECT_TRUE(index.nearest(points_[200], 0, near)) << "what lies at the maximum distance is within it";
   }
-  EXPECT_FALSE(PointIndex(std::span<const Eigen::Vector3f>()).nearest({0, 0, 0}, kFar));
+  const PointIndex empty{std::span<const Eigen::Vector3f>()};
+  EXPECT_FALSE(empty.nearest({0, 0, 0}, kFar));
+  EXPECT_FALSE(empty.nearest({0, 0, 0}, kFar, near));
 }
 
 TEST_F(PointIndexTest, NearestStopsAtTheMaximumDistance) {

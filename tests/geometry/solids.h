@@ -87,6 +87,26 @@ inline TriangleMesh uneven_needle_mesh(float half_width, float length, int fan) 
 }
 
 /// Every triangle with its own three vertices, as STL stores them.
+/// A sphere around the origin, by degrees of latitude and longitude.
+inline TriangleMesh sphere_mesh(float radius, int around, int down) {
+  TriangleMesh mesh;
+  for (int j = 0; j <= down; ++j) {
+    const float latitude = static_cast<float>(M_PI) * static_cast<float>(j) / static_cast<float>(down);
+    for (int i = 0; i < around; ++i) {
+      const float longitude =
+          2 * static_cast<float>(M_PI) * static_cast<float>(i) / static_cast<float>(around);
+      mesh.vertices.emplace_back(radius * std::sin(latitude) * std::cos(longitude),
+                                 radius * std::sin(latitude) * std::sin(longitude),
+                                 radius * std::cos(latitude));
+      if (j == down) continue;
+      const int here = j * around + i, beside = j * around + (i + 1) % around;
+      mesh.triangles.emplace_back(here, here + around, beside);
+      mesh.triangles.emplace_back(beside, here + around, beside + around);
+    }
+  }
+  return mesh;
+}
+
 inline TriangleMesh split_vertices(const TriangleMesh& mesh) {
   TriangleMesh split;
   for (const auto& t : mesh.triangles) {

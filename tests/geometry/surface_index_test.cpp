@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <atomic>
 #include <numbers>
 #include <random>
@@ -130,25 +131,59 @@ TEST_F(Tangle, FarFromTheOriginFindsTheDistanceOfBruteForce) {
   }
 }
 
-TEST_F(Tangle, AGuessNeverChangesTheAnswer) {
+void expect_same(const std::optional<SurfaceIndex::Closest>& a,
+                 const std::optional<SurfaceIndex::Closest>& b) {
+  ASSERT_EQ(a.has_value(), b.has_value());
+  if (!a) return;
+  ASSERT_EQ(a->triangle, b->triangle);
+  ASSERT_EQ(a->point, b->point);
+  ASSERT_EQ(a->distance, b->distance);
+  ASSERT_EQ(a->feature, b->feature);
+}
+
+TEST_F(Tangle, WhatWasLearnedFromOtherQueriesNeverChangesTheAnswer) {
   const SurfaceIndex surface(mesh_);
-  for (int i = 0; i < 5'000; ++i) {
-    const Vector3f p = point(), n = vector(1).normalized();
-    const auto guess = static_cast<int>(random_() % mesh_.triangles.size());
-    for (const float reach : {0.3f, 1000.0f}) {
-      const auto a = surface.closest(p, reach), b = surface.closest(p, reach, guess);
-      ASSERT_EQ(a.has_value(), b.has_value());
-      if (a) {
-        ASSERT_EQ(a->triangle, b->triangle);
-        ASSERT_EQ(a->point, b->point);
-        ASSERT_EQ(a->distance, b->distance);
-      }
-      const auto c = surface.closest_facing(p, reach, n, 0.5f),
-                 d = surface.closest_facing(p, reach, n, 0.5f, guess);
-      ASSERT_EQ(c.has_value(), d.has_value());
-      if (c) {
-        ASSERT_EQ(c->triangle, d->triangle);
-      }
+  SurfaceIndex::Neighbourhood near, near_facing, near_within;
+  Vector3f p = point();
+  for (int i = 0; i < 20'000; ++i) {
+    // Walks of small and of large steps, and jumps.
+    p = i % 97 == 0 ? point()
+                    : Vector3f(p + std::pow(10.0f, uniform(-3, i % 1000 < 500 ? -1 : 1.5f)) * vector(1));
+    const Vector3f n = i % 50 == 0 ? vector(1).normalized() : Vector3f(0.6f, 0, 0.8f);
+    const auto anywhere = static_cast<int>(random_() % mesh_.triangles.size());
+    ASSERT_NO_FATAL_FAILURE(expect_same(surface.closest(p, 1000), surface.closest(p, 1000, near)));
+    ASSERT_NO_FATAL_FAILURE(expect_same(surface.closest(p, 1000), surface.closest(p, 1000, anywhere)));
+    ASSERT_NO_FATAL_FAILURE(expect_same(surface.closest(p, 0.3f), surface.closest(p, 0.3f, near_within)));
+    ASSERT_NO_FATAL_FAILURE(expect_same(surface.closest_facing(p, 1000, n, 0.5f),
+                                        surface.closest_facing(p, 1000, n, 0.5f, near_facing)));
+  }
+}
+
+TEST(SurfaceIndex, NeighboursOnAFineMeshGetTheAnswersOfAnyPoint) {
+  const SurfaceIndex surface(sphere_mesh(25, 200, 100));
+  std::mt19937 random(6);
+  std::normal_distribution<float> normal;
+  constexpr float kInfinite = std::numeric_limits<float>::infinity();
+  SurfaceIndex::Neighbourhood near, near_facing;
+  Vector3f at(25, 0, 0);
+  for (int i = 0; i < 50'000; ++i) {
+    at = 25 * (at + 0.2f * Vector3f(normal(random), normal(random), normal(random))).normalized();
+    const float off = i % 500 == 0 ? 24 : 0.5f * normal(random);
+    const Vector3f p = at + off * at.normalized(), n = at.normalized();
+    ASSERT_NO_FATAL_FAILURE(expect_same(surface.closest(p, kInfinite), surface.closest(p, kInfinite, near)));
+    ASSERT_NO_FATAL_FAILURE(expect_same(surface.closest_facing(p, kInfinite, n, 0.9f),
+                                        surface.closest_facing(p, kInfinite, n, 0.9f, near_facing)));
+  }
+}
+
+TEST(SurfaceIndex, WhatWasLearnedOfOneMeshIsNotTakenForAnother) {
+  const SurfaceIndex fine(sphere_mesh(25, 200, 100)), coarse(box_mesh({0, 0, 0}, {10, 10, 10}));
+  SurfaceIndex::Neighbourhood near;
+  for (int i = 0; i < 200; ++i) {
+    const Vector3f p(24 + 0.01f * static_cast<float>(i), 3, 1);
+    ASSERT_NO_FATAL_FAILURE(expect_same(fine.closest(p, 100), fine.closest(p, 100, near)));
+    if (i % 20 == 19) {
+      ASSERT_NO_FATAL_FAILURE(expect_same(coarse.closest(p, 100), coarse.closest(p, 100, near)));
     }
   }
 }
@@ -283,6 +318,40 @@ TEST(SpatialOrder, RunsHoldEveryPointOnceAndLieTogether) {
   const auto place = [&](uint32_t i) { return std::find(order.begin(), order.end(), i) - order.begin(); };
   EXPECT_EQ(place(9) - place(8), 1);  // of one cell, in the order given
   EXPECT_TRUE(morton_order({}).empty());
+}
+
+TEST(SpatialOrder, AlongALineItGoesForthAndNeverBackByMoreThanACell) {
+  std::vector<Vector3f> points;
+  for (int i = 0; i < 100'000; ++i) points.emplace_back(0.001f * static_cast<float>(i), 7, 7);
+  std::shuffle(points.begin(), points.end(), std::mt19937(11));
+  const std::vector<uint32_t> order = morton_order(points);
+  float furthest = 0;
+  for (const uint32_t i : order) {
+    ASSERT_GT(points[i].x(), furthest - 0.16f);
+    furthest = std::max(furthest, points[i].x());
+  }
+}
+
+TEST(SpatialOrder, PointsOfOneCellKeepTheirOrderHoweverManyThereAre) {
+  // Clusters far smaller than a cell, of so many points that they are gone through in shares.
+  constexpr uint32_t kPoints = 400'000, kClusters = 30;
+  std::mt19937 random(10);
+  std::uniform_real_distribution<float> uniform(-50, 50);
+  std::vector<Vector3f> centres(kClusters), points(kPoints);
+  for (Vector3f& c : centres) c = {uniform(random), uniform(random), uniform(random)};
+  std::vector<uint32_t> cluster(kPoints);
+  for (uint32_t i = 0; i < kPoints; ++i) points[i] = centres[cluster[i] = random() % kClusters];
+  const std::vector<uint32_t> order = morton_order(points);
+  ASSERT_EQ(order.size(), kPoints);
+  size_t changes = 0;
+  for (uint32_t k = 1; k < kPoints; ++k) {
+    if (cluster[order[k]] != cluster[order[k - 1]]) {
+      ++changes;
+    } else {
+      ASSERT_LT(order[k - 1], order[k]);
+    }
+  }
+  EXPECT_EQ(changes, kClusters - 1);
 }
 
 }  // namespace

@@ -366,11 +366,16 @@ TEST(Inspection, WhatTheUncertaintyCannotTellIsUndecided) {
 
 TEST(Inspection, WhatIsFoundInACloudThatIsInDoubtIsNoVerdict) {
   for (const float height : {0.0f, 0.6f}) {
-    InspectionOptions options = as_it_stands();
-    const PointCloud cloud = with_top(sheet_points(0.02f), bump(8, -5, height));
+    const InspectionOptions options = as_it_stands();
+    PointCloud cloud = with_top(sheet_points(0.02f), bump(8, -5, height));
     const Verdict believed = inspect(cloud, sheet(), options).verdict;
     EXPECT_EQ(believed, height > 0 ? Verdict::kFail : Verdict::kPass);
-    options.doubt = "scan 3 contradicts the others";
+    const auto sources = std::make_shared<CloudSources>();
+    sources->scans = {"scan 1"};
+    sources->doubt = "scan 3 contradicts the others";
+    for (size_t i = 0; i <= cloud.size(); ++i) sources->first.push_back(static_cast<uint32_t>(i));
+    sources->shares.assign(cloud.size(), {0, CloudSources::Share::kWhole});
+    cloud.sources = sources;
     const InspectionResult doubted = inspect(cloud, sheet(), options);
     EXPECT_EQ(doubted.verdict, Verdict::kUndecided);
     EXPECT_NE(doubted.reason.find("scan 3 contradicts the others"), std::string::npos) << doubted.reason;

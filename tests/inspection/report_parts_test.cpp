@@ -8,6 +8,7 @@
 #include <numeric>
 #include <random>
 
+#include "geometry/solids.h"
 #include "report/section_chart.h"
 #include "report/sections.h"
 #include "report/surface_model.h"
@@ -18,16 +19,6 @@ namespace gantry::report {
 namespace {
 
 constexpr double kPi = std::numbers::pi;
-
-TriangleMesh box(const Eigen::Vector3f& low, const Eigen::Vector3f& high) {
-  TriangleMesh mesh;
-  for (int i = 0; i < 8; ++i)
-    mesh.vertices.emplace_back(i & 1 ? high.x() : low.x(), i & 2 ? high.y() : low.y(),
-                               i & 4 ? high.z() : low.z());
-  mesh.triangles = {{0, 2, 1}, {1, 2, 3}, {4, 5, 6}, {5, 7, 6}, {0, 1, 4}, {1, 5, 4},
-                    {2, 6, 3}, {3, 6, 7}, {0, 4, 2}, {2, 4, 6}, {1, 3, 5}, {3, 7, 5}};
-  return mesh;
-}
 
 /// About the z axis; every triangle has vertices of its own, as in an STL file.
 TriangleMesh torus(float major_mm, float minor_mm, int around, int across) {
@@ -72,7 +63,7 @@ double area(const SectionLine& line) {
 }
 
 TEST(ReportSections, BoxGivesARectangle) {
-  const TriangleMesh mesh = box({-3, -2, -1}, {5, 4, 9});
+  const TriangleMesh mesh = box_mesh({-3, -2, -1}, {5, 4, 9});
   const double sizes[] = {8, 6, 10};
   for (int axis = 0; axis < 3; ++axis) {
     const auto lines = outline(mesh, plane(axis, 0.5f));
@@ -139,7 +130,7 @@ Defect bump_defect() {
   return d;
 }
 
-const TriangleMesh kPlate = box({-30, -20, -1}, {30, 20, 0});
+const TriangleMesh kPlate = box_mesh({-30, -20, -1}, {30, 20, 0});
 
 TEST(ReportSections, GoThroughTheDefectAndTellWhatWasMeasured) {
   const auto cuts = sections(kPlate, bump(), {bump_defect()});

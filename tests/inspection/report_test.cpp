@@ -3,7 +3,6 @@
 #include <gtest/gtest.h>
 #include <png.h>
 #include <tbb/global_control.h>
-#include <unistd.h>
 
 #include <cmath>
 #include <cstring>
@@ -13,8 +12,10 @@
 #include <nlohmann/json.hpp>
 #include <sstream>
 
+#include "foundation/temporary_folder.h"
 #include "gantry/foundation/error.h"
 #include "gantry/geometry/point_cloud_file.h"
+#include "geometry/solids.h"
 
 namespace gantry {
 namespace {
@@ -23,33 +24,9 @@ constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 constexpr const char* kTopView = "view-6";
 constexpr const char* kViewFromBelow = "view-3";
 
-/// A folder that is removed with its files.
-class TemporaryFolder {
- public:
-  TemporaryFolder() {
-    std::string name = (std::filesystem::temp_directory_path() / "gantry_report_XXXXXX").string();
-    path_ = mkdtemp(name.data());
-  }
-  ~TemporaryFolder() { std::filesystem::remove_all(path_); }
-  const std::filesystem::path& path() const { return path_; }
-
- private:
-  std::filesystem::path path_;
-};
-
-TriangleMesh box(const Eigen::Vector3f& low, const Eigen::Vector3f& high) {
-  TriangleMesh mesh;
-  for (int i = 0; i < 8; ++i)
-    mesh.vertices.emplace_back(i & 1 ? high.x() : low.x(), i & 2 ? high.y() : low.y(),
-                               i & 4 ? high.z() : low.z());
-  mesh.triangles = {{0, 2, 1}, {1, 2, 3}, {4, 5, 6}, {5, 7, 6}, {0, 1, 4}, {1, 5, 4},
-                    {2, 6, 3}, {3, 6, 7}, {0, 4, 2}, {2, 4, 6}, {1, 3, 5}, {3, 7, 5}};
-  return mesh;
-}
-
 /// A plate of 60 x 40 x 1 mm; its top lies in z = 0.
 TriangleMesh plate() {
-  return box({-30, -20, -1}, {30, 20, 0});
+  return box_mesh({-30, -20, -1}, {30, 20, 0});
 }
 
 void add_point(InspectionResult& result, const Eigen::Vector3f& point, const Eigen::Vector3f& normal,
@@ -551,7 +528,7 @@ TEST(InspectionReport, FacesOfAThinWallDoNotMix) {
       add_point(result, {x, y, 0}, Eigen::Vector3f::UnitZ(), 0.4f);
       add_point(result, {x, y, -0.2f}, -Eigen::Vector3f::UnitZ(), -0.4f);
     }
-  const std::string html = html_of(result, box({-30, -20, -0.2f}, {30, 20, 0}));
+  const std::string html = html_of(result, box_mesh({-30, -20, -0.2f}, {30, 20, 0}));
   const auto red = [](const Pixel& p) { return p.red(); };
   const auto blue = [](const Pixel& p) { return p.blue(); };
   EXPECT_GT(DecodedView(html, kTopView).count(red), 100000);
@@ -562,7 +539,7 @@ TEST(InspectionReport, FacesOfAThinWallDoNotMix) {
 
 TEST(InspectionReport, MaterialBeyondTheCadModelIsDrawn) {
   // Two plates in the CAD model; the part has material in the gap of 8 mm between them.
-  const TriangleMesh cad = merged(box({-30, -20, -1}, {-4, 20, 0}), box({4, -20, -1}, {30, 20, 0}));
+  const TriangleMesh cad = merged(box_mesh({-30, -20, -1}, {-4, 20, 0}), box_mesh({4, -20, -1}, {30, 20, 0}));
   InspectionResult open, filled;
   for (float x = -30; x <= 30; x += 0.25f)
     for (float y = -20; y <= 20; y += 0.25f) {

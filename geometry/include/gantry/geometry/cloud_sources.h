@@ -26,6 +26,7 @@ struct CloudSources {
   /// Of the errors of all scans' poses, 6 rows each: rotation (rad) about the origin of the cloud's frame,
   /// then translation (mm), as UncertainPose has them. Errors that all scans have in common are in it.
   Eigen::MatrixXd pose_covariance;
+  std::string doubt;  ///< Why the scans' places are not to be relied on, in one line; empty: they are.
 
   size_t points() const { return first.empty() ? 0 : first.size() - 1; }
   std::span<const Share> of(size_t point) const {

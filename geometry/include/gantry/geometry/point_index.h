@@ -9,8 +9,8 @@
 
 namespace gantry {
 
-/// Nearest neighbours of a fixed set of points (kd-tree by nanoflann). The points must outlive the
-/// index. Queries are thread-safe.
+/// Nearest neighbours of a fixed set of points (kd-tree by nanoflann, over a copy of the points in the order
+/// of a curve through space). Queries are thread-safe.
 class PointIndex {
  public:
   struct Neighbour {
@@ -25,9 +25,16 @@ class PointIndex {
 
   /// Up to k neighbours within `max_distance`, nearest first, written to `out` (cleared first).
   void nearest(const Eigen::Vector3f& query, size_t k, float max_distance, std::vector<Neighbour>& out) const;
-  /// The one nearest within `max_distance`, if any; of equally near ones any. `guess`, if not negative, is the
-  /// index of a point that may be it, such as the answer for a neighbouring query: it saves most of the time.
-  std::optional<Neighbour> nearest(const Eigen::Vector3f& query, float max_distance, int guess = -1) const;
+  /// What a series of queries remembers, each close to the one before: it saves most of the time. For one
+  /// index and one thread.
+  class Neighbourhood {
+    friend class PointIndex;
+    uint32_t slot_ = 0;  ///< Of the answer before.
+  };
+  /// The one nearest within `max_distance`, if any; of equally near ones any.
+  std::optional<Neighbour> nearest(const Eigen::Vector3f& query, float max_distance) const;
+  std::optional<Neighbour> nearest(const Eigen::Vector3f& query, float max_distance,
+                                   Neighbourhood& near) const;
   /// All neighbours within the radius, in no particular order.
   void within(const Eigen::Vector3f& query, float radius, std::vector<Neighbour>& out) const;
 

@@ -36,24 +36,23 @@ class SignedDistance {
   SignedDistance(SignedDistance&&) noexcept;
   SignedDistance& operator=(SignedDistance&&) noexcept;
 
-  /// Nothing when no surface lies within `max_distance`. `near_triangle`: see SurfaceIndex; for many points
-  /// go through them by for_each_run() and give each the triangle of the one before.
+  /// Nothing when no surface lies within `max_distance`. `hint`: see SurfaceIndex.
   std::optional<Value> operator()(const Eigen::Vector3f& point, float max_distance,
-                                  int near_triangle = -1) const;
+                                  SurfaceIndex::Hint hint = {}) const;
   /// The same, considering only faces whose normal is within acos(min_cosine) of the point's own
   /// normal: a wall bent by more than half its thickness is still measured to its own face. The sign
   /// comes from the full pseudonormal of the closest facing feature. It is exact where that feature is the
   /// closest of all; with a gate narrower than 90 degrees it can be wrong beside an edge.
   std::optional<Value> operator()(const Eigen::Vector3f& point, const Eigen::Vector3f& normal,
-                                  float min_cosine, float max_distance, int near_triangle = -1) const;
+                                  float min_cosine, float max_distance, SurfaceIndex::Hint hint = {}) const;
 
   const TriangleMesh& mesh() const { return surface_.mesh(); }
 
  private:
   Value signed_value(const SurfaceIndex::Closest& closest) const;
 
+  std::unique_ptr<internal::Pseudonormals> pseudonormals_;  // made while the index is: before it here
   SurfaceIndex surface_;
-  std::unique_ptr<internal::Pseudonormals> pseudonormals_;
 };
 
 }  // namespace gantry

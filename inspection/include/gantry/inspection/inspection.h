@@ -35,9 +35,6 @@ struct InspectionOptions {
   /// Motions that lay the CAD model onto itself to within this are looked for: the poses of the cloud that
   /// they lead to cannot be told apart. 0: not looked for.
   double symmetry_tolerance_mm = 0.05;
-  /// Why the cloud itself is not to be relied on (its scans were not registered for certain); the verdict is
-  /// then UNDECIDED, whatever is found. Empty: it is.
-  std::string doubt;
   double max_distance_mm = 10;  ///< Points further from the CAD surface than this do not belong to the part.
   /// A point is measured to faces whose normal is within this of its own (100 degrees): never to the
   /// other face of a thin wall, but past an edge.
@@ -129,6 +126,7 @@ struct InspectionResult {
   std::vector<float> uncertainty_mm;
   UncertaintyBudget budget;    ///< Of a typical point: medians over the judged ones.
   bool poses_known = false;    ///< Whether the cloud said which scans it comes from, and how well these lie.
+  std::string doubt;  ///< Why the cloud itself is not to be relied on (CloudSources::doubt); empty: it is.
   std::vector<int> defect_id;  ///< Per point: 0 none, else Defect::id.
   std::vector<PointClass> point_class;  ///< Per point.
   DeviationStatistics statistics;
