@@ -8,9 +8,9 @@
 #include <nanoflann.hpp>
 
 #include "gantry/geometry/closest_on_triangle.h"
+#include "gantry/geometry/point_index.h"
 #include "gantry/geometry/signed_distance.h"
 #include "gantry/geometry/spatial_order.h"
-#include "gantry/inspection/distances.h"
 
 namespace gantry::bench {
 namespace {
@@ -111,13 +111,12 @@ std::vector<float> by_embree(const PointCloud& cloud, const TriangleMesh& mesh) 
 }
 
 std::vector<float> nearest_by_gantry(const PointCloud& cloud, const PointCloud& others) {
-  const DistanceReference reference(others);
+  const PointIndex index(others.points);
   std::vector<float> distances(cloud.size());
   for_each_run(cloud.points, [&](std::span<const uint32_t> run) {
     PointIndex::Neighbourhood near;
     for (const uint32_t i : run)
-      distances[i] =
-          std::sqrt(reference.index().nearest(cloud.points[i], kAnywhere_mm, near)->squared_distance);
+      distances[i] = std::sqrt(index.nearest(cloud.points[i], kAnywhere_mm, near)->squared_distance);
   });
   return distances;
 }
