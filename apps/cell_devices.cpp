@@ -56,7 +56,7 @@ CellDevices make_devices(const Cell& cell, const std::optional<std::filesystem::
       config.unit = settings.drive.unit;
       if (settings.drive.steps_per_revolution > 0)
         config.counts_per_axis_unit = settings.drive.steps_per_revolution / (2 * std::numbers::pi);
-      if (settings.kind == AxisKind::kLinear) config.in_position_mm = settings.limits.in_position;
+      if (settings.kind == AxisKind::kLinear) config.in_position = settings.limits.in_position;
       auto& bus = buses[{config.host, config.port}];
       if (!bus) bus = make_modbus_bus(config.host, config.port);
       drive = make_modbus_drive(config, bus, clock);
