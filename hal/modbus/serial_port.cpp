@@ -3,7 +3,8 @@
 #include <fcntl.h>
 #include <poll.h>
 #include <sys/file.h>
-#include <sys/ioctl.h>
+#include <sys/stat.h>
+#include <sys/sysmacros.h>
 #include <termios.h>
 #include <unistd.h>
 
@@ -37,6 +38,14 @@ speed_t speed_of(int baud) {
   }
 }
 
+/// A pseudo-terminal has no line, hence neither rate nor parity; glibc reports that it does not take them.
+bool is_pseudo_terminal(int descriptor) {
+  struct stat status {};
+  constexpr unsigned kFirstMajor = 136, kLastMajor = 143;
+  return fstat(descriptor, &status) == 0 && major(status.st_rdev) >= kFirstMajor &&
+         major(status.st_rdev) <= kLastMajor;
+}
+
 /// False when the driver did not take the settings.
 bool configure(int descriptor, const SerialLine& line) {
   termios mode{};
@@ -45,11 +54,12 @@ bool configure(int descriptor, const SerialLine& line) {
   mode.c_cflag |= CLOCAL | CREAD;
   mode.c_cflag &= ~static_cast<tcflag_t>(CRTSCTS | CSTOPB | PARENB | PARODD | CSIZE);
   mode.c_cflag |= CS8;
+  mode.c_cc[VMIN] = 0;
+  mode.c_cc[VTIME] = 0;
+  if (is_pseudo_terminal(descriptor)) return tcsetattr(descriptor, TCSANOW, &mode) == 0;
   if (line.stop_bits == 2) mode.c_cflag |= CSTOPB;
   if (line.parity != Parity::kNone) mode.c_cflag |= PARENB;
   if (line.parity == Parity::kOdd) mode.c_cflag |= PARODD;
-  mode.c_cc[VMIN] = 0;
-  mode.c_cc[VTIME] = 0;
   const speed_t speed = speed_of(line.baud);
   return cfsetispeed(&mode, speed) == 0 && cfsetospeed(&mode, speed) == 0 &&
          tcsetattr(descriptor, TCSANOW, &mode) == 0;

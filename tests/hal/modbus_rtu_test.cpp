@@ -86,7 +86,9 @@ TEST_F(RtuBus, ALateAnswerIsNeverTakenForAnotherRead) {
     for (int i = 0; i < 20 && !right; ++i) {
       const auto next = read(1, 0x6202);
       right = next.has_value();
-      if (right) EXPECT_EQ(next->at(0), number(1, 0x6202)) << "late by " << late_by_s;
+      if (right) {
+        EXPECT_EQ(next->at(0), number(1, 0x6202)) << "late by " << late_by_s;
+      }
     }
     EXPECT_TRUE(right) << "the drive answers again";
     expect_right(1, 0x6203);
@@ -119,13 +121,17 @@ TEST_F(RtuBus, DamageIsToldAtOnceAndTheNextReadIsRight) {
       const auto damaged = read(1, 0x6201, 2.0);
       const std::chrono::duration<double> waited = std::chrono::steady_clock::now() - begin;
       // A wrong bit may make another unit's answer of it: then ours is missed.
-      if (!damaged && damaged.error().kind == FaultKind::kProtocol) EXPECT_LT(waited.count(), 1.0);
+      if (!damaged && damaged.error().kind == FaultKind::kProtocol) {
+        EXPECT_LT(waited.count(), 1.0);
+      }
       EXPECT_FALSE(damaged);
       bool right = false;
       for (int again = 0; again < 20 && !right; ++again) {
         const auto value = read(1, 0x6202);
         right = value.has_value();
-        if (right) EXPECT_EQ(value->at(0), number(1, 0x6202));
+        if (right) {
+          EXPECT_EQ(value->at(0), number(1, 0x6202));
+        }
       }
       EXPECT_TRUE(right);
     }

@@ -17,6 +17,7 @@
 #include <thread>
 #include <vector>
 
+#include "gantry/foundation/clock.h"
 #include "gantry/hal/modbus_drives.h"
 
 namespace gantry {
@@ -161,6 +162,13 @@ class RegisterServer {
     std::lock_guard lock(mutex_);
     return registers_[address];
   }
+  /// What the drive does about a write: called with all registers, the address and the value.
+  using React =
+      std::function<void(std::map<uint16_t, uint16_t>& registers, uint16_t address, uint16_t value)>;
+  void on_write(React react) {
+    std::lock_guard lock(mutex_);
+    react_ = std::move(react);
+  }
   /// Everything that was written there, in order.
   std::vector<uint16_t> written(uint16_t address) {
     std::lock_guard lock(mutex_);
@@ -181,11 +189,14 @@ class RegisterServer {
       }
       return pdu;
     }
-    if (request[7] == 0x10) {
-      for (size_t i = 0; i < count; ++i) {
+    const bool several = request[7] == 0x10;
+    if (several || request[7] == 0x06) {
+      for (size_t i = 0; i < (several ? count : 1); ++i) {
         const auto address = static_cast<uint16_t>(first + i);
-        registers_[address] = word(13 + 2 * i);
-        written_[address].push_back(registers_[address]);
+        const uint16_t value = word(several ? 13 + 2 * i : 10);
+        registers_[address] = value;
+        written_[address].push_back(value);
+        if (react_) react_(registers_, address, value);
       }
     }
     return Bytes(request.begin() + 7, request.begin() + 12);
@@ -194,7 +205,22 @@ class RegisterServer {
   std::mutex mutex_;
   std::map<uint16_t, uint16_t> registers_;
   std::map<uint16_t, std::vector<uint16_t>> written_;
+  React react_;
   RawServer server_;
+};
+
+/// A drive whose registers only the test changes.
+class SlowDrive : public testing::Test {
+ protected:
+  DriveStatus read() {
+    const auto status = drive->read_status();
+    EXPECT_TRUE(status) << status.error().text();
+    return status.value_or(DriveStatus{});
+  }
+
+  RegisterServer server;
+  VirtualClock clock;
+  std::unique_ptr<Drive> drive;
 };
 
 }  // namespace gantry

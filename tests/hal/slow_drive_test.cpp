@@ -5,19 +5,6 @@
 namespace gantry {
 namespace {
 
-class SlowDrive : public testing::Test {
- protected:
-  DriveStatus read() {
-    const auto status = drive->read_status();
-    EXPECT_TRUE(status) << status.error().text();
-    return status.value_or(DriveStatus{});
-  }
-
-  RegisterServer server;
-  VirtualClock clock;
-  std::unique_ptr<Drive> drive;
-};
-
 class SlowIai : public SlowDrive {
  protected:
   static constexpr uint16_t kOn = 0x1000, kHomed = 0x0010, kPend = 0x0008, kMoving = 0x0020;

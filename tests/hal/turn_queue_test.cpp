@@ -63,7 +63,8 @@ TEST(TurnQueue, AHaltOvertakesEverybody) {
   line.queue("X", 2);
   line.queue("!", 2, true);
   line.queue("?", 1, true);
-  EXPECT_EQ(line.serve_all(), "!?aXb");
+  // Then in turn again: unit 2 was served before unit 1.
+  EXPECT_EQ(line.serve_all(), "!?Xab");
 }
 
 TEST(TurnQueue, OnlyOneHasTheTurn) {
