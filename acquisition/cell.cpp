@@ -12,21 +12,7 @@
 namespace gantry {
 namespace {
 
-DriveSettings read_drive(StrictYaml yaml) {
-  DriveSettings drive;
-  drive.profile = yaml.choice("profile", {"iai_robo_cylinder", "oriental_motor_az", "simulated"});
-  if (drive.profile != "simulated") {
-    drive.host = yaml.text("host");
-    drive.port = yaml.integer_or("port", 502, 1, 65535);
-    drive.unit = yaml.integer("unit", 1, 247);
-  }
-  if (drive.profile == "oriental_motor_az")
-    drive.steps_per_revolution = yaml.number("steps_per_revolution", {100, 1e8});
-  yaml.finish();
-  return drive;
-}
-
-AxisSettings read_axis(StrictYaml yaml, const Joint& joint) {
+AxisSettings read_axis(StrictYaml yaml, const Joint& joint, const std::vector<BusSettings>& buses) {
   AxisSettings axis;
   axis.name = joint.name;
   const bool linear = joint.kind == JointKind::kPrismatic;
@@ -43,12 +29,7 @@ AxisSettings read_axis(StrictYaml yaml, const Joint& joint) {
   axis.limits.homing_timeout_s = motion.number_or("homing_timeout_s", 60, {0.1, 3600});
   axis.settle_s = motion.number_or("settle_s", axis.settle_s, {0, 60});
   motion.finish();
-  axis.drive = read_drive(yaml.map("drive"));
-  if (axis.drive.profile == "iai_robo_cylinder" && !linear)
-    yaml.fail("drive", "iai_robo_cylinder is a linear drive, but joint '" + joint.name + "' is revolute");
-  if (axis.drive.profile == "oriental_motor_az" && linear)
-    yaml.fail("drive",
-              "oriental_motor_az drives revolute joints here, but joint '" + joint.name + "' is prismatic");
+  axis.drive = read_drive(yaml.map("drive"), axis.kind, buses);
   yaml.finish();
   return axis;
 }
@@ -62,12 +43,17 @@ Cell read_cell(const std::filesystem::path& path) {
   cell.name = yaml.text("name");
   cell.calibration_id = yaml.text("calibration_id");
 
+  cell.buses = read_buses(yaml);
   std::set<std::string> names;
+  std::set<std::pair<std::string, int>> units;
   for (StrictYaml& axis : yaml.maps("axes")) {
     const std::string name = axis.text("name");
     if (!names.insert(name).second) axis.fail("name", "two axes are called '" + name + "'");
     cell.chain.joints.push_back(read_joint(axis.map("joint"), name));
-    cell.axes.push_back(read_axis(axis, cell.chain.joints.back()));
+    cell.axes.push_back(read_axis(axis, cell.chain.joints.back(), cell.buses));
+    const DriveSettings& drive = cell.axes.back().drive;
+    if (drive.profile != "simulated" && !units.emplace(drive.bus_key(), drive.unit).second)
+      axis.fail("drive", "another axis has unit " + std::to_string(drive.unit) + " at " + drive.bus_key());
   }
 
   StrictYaml sensor = yaml.map("sensor");

@@ -2,12 +2,10 @@
 
 #include <algorithm>
 #include <map>
-#include <numbers>
 
 #include "gantry/foundation/strict_yaml.h"
 #include "gantry/geometry/mesh_file.h"
 #include "gantry/hal/genicam_scanner.h"
-#include "gantry/hal/modbus_drives.h"
 #include "gantry/sim/devices.h"
 
 namespace gantry {
@@ -15,6 +13,35 @@ namespace {
 
 bool on_loopback(const std::string& host) {
   return host.rfind("127.", 0) == 0 || host == "localhost";
+}
+
+/// Sets `simulated` where the bus leads to a twin: to this machine, or to a pseudo-terminal.
+std::shared_ptr<ModbusBus> make_bus(const Cell& cell, const DriveSettings& drive, bool& simulated) {
+  for (const BusSettings& bus : cell.buses) {
+    if (bus.name != drive.bus) continue;
+    if (!bus.serial()) {
+      simulated = simulated || on_loopback(bus.host);
+      return make_modbus_bus(bus.host, bus.port);
+    }
+    std::error_code ignored;
+    const std::string device = std::filesystem::weakly_canonical(bus.line.device, ignored).string();
+    simulated = simulated || device.rfind("/dev/pts/", 0) == 0;
+    return make_modbus_bus(bus.line);
+  }
+  simulated = simulated || on_loopback(drive.host);
+  return make_modbus_bus(drive.host, drive.port);
+}
+
+std::unique_ptr<Drive> make_drive(const AxisSettings& axis, std::shared_ptr<ModbusBus> bus, Clock& clock) {
+  ModbusDriveConfig config;
+  config.axis = axis.name;
+  config.kind = axis.kind;
+  config.profile = axis.drive.profile;
+  config.unit = axis.drive.unit;
+  config.counts_per_axis_unit = axis.drive.counts_per_axis_unit;
+  config.counts_per_motor_revolution = axis.drive.counts_per_motor_revolution;
+  config.in_position = axis.limits.in_position;
+  return make_modbus_drive(config, std::move(bus), clock);
 }
 
 }  // namespace
@@ -39,7 +66,7 @@ CellDevices make_devices(const Cell& cell, const std::optional<std::filesystem::
     devices.world = make_world(cell, part, seed, clock);
     devices.simulated = true;
   }
-  std::map<std::pair<std::string, int>, std::shared_ptr<ModbusBus>> buses;
+  std::map<std::string, std::shared_ptr<ModbusBus>> buses;
   std::vector<std::unique_ptr<Axis>> axes;
   for (size_t i = 0; i < cell.axes.size(); ++i) {
     const AxisSettings& settings = cell.axes[i];
@@ -47,20 +74,12 @@ CellDevices make_devices(const Cell& cell, const std::optional<std::filesystem::
     if (settings.drive.profile == "simulated") {
       drive = make_simulated_drive(settings.name, *devices.world, i);
     } else {
-      ModbusDriveConfig config;
-      config.axis = settings.name;
-      config.kind = settings.kind;
-      config.profile = settings.drive.profile;
-      config.host = settings.drive.host;
-      config.port = settings.drive.port;
-      config.unit = settings.drive.unit;
-      if (settings.drive.steps_per_revolution > 0)
-        config.counts_per_axis_unit = settings.drive.steps_per_revolution / (2 * std::numbers::pi);
-      if (settings.kind == AxisKind::kLinear) config.in_position_mm = settings.limits.in_position;
-      auto& bus = buses[{config.host, config.port}];
-      if (!bus) bus = make_modbus_bus(config.host, config.port);
-      drive = make_modbus_drive(config, bus, clock);
-      devices.simulated = devices.simulated || on_loopback(config.host);
+      auto& bus = buses[settings.drive.bus_key()];
+      if (!bus) {
+        bus = make_bus(cell, settings.drive, devices.simulated);
+        devices.buses.push_back(bus);
+      }
+      drive = make_drive(settings, bus, clock);
     }
     axes.push_back(std::make_unique<Axis>(std::move(drive), settings.kind, settings.limits, clock));
   }

@@ -2,9 +2,11 @@
 
 #include <memory>
 #include <optional>
+#include <vector>
 
 #include "gantry/acquisition/cell.h"
 #include "gantry/acquisition/motion.h"
+#include "gantry/hal/modbus_drives.h"
 #include "gantry/hal/scanner.h"
 #include "gantry/sim/world.h"
 
@@ -13,7 +15,8 @@ namespace gantry {
 /// The devices of a cell as CELL.yaml names them: real backends, or simulated ones in this process.
 /// Nothing is connected yet.
 struct CellDevices {
-  std::unique_ptr<SimulatedWorld> world;  ///< Only when a device is simulated in this process.
+  std::unique_ptr<SimulatedWorld> world;          ///< Only when a device is simulated in this process.
+  std::vector<std::shared_ptr<ModbusBus>> buses;  ///< For their statistics.
   std::unique_ptr<Motion> motion;
   std::unique_ptr<Scanner> scanner;
   bool simulated = false;  ///< No real part is measured (in-process, or a twin on loopback).

@@ -1,45 +1,17 @@
-// The simulated cell on the wire: Modbus TCP drives and a GigE Vision 3D camera on loopback.
+// The simulated cell on the wire: Modbus drives (TCP on loopback, RTU on pseudo-terminals) and a GigE Vision 3D camera on loopback.
 
 #include <spdlog/spdlog.h>
 
 #include <cstdio>
-#include <map>
-#include <numbers>
 
 #include "app.h"
 #include "cell_devices.h"
 #include "gantry/sim/twin/gige_vision_camera.h"
-#include "gantry/sim/twin/modbus_drives.h"
+#include "twin_drives.h"
 
 namespace {
 
 using namespace gantry;
-
-std::vector<std::unique_ptr<ModbusDriveServer>> serve_drives(const Cell& cell, SimulatedWorld& world,
-                                                             Clock& clock) {
-  std::map<std::pair<std::string, int>, std::unique_ptr<ModbusDriveServer>> servers;
-  for (size_t i = 0; i < cell.axes.size(); ++i) {
-    const DriveSettings& drive = cell.axes[i].drive;
-    if (drive.profile == "simulated")
-      throw InputError(cell.file.string() + ": axis '" + cell.axes[i].name +
-                       "' is simulated in-process; the twin serves Modbus drives only");
-    auto& server = servers[{drive.host, drive.port}];
-    if (!server) server = std::make_unique<ModbusDriveServer>(drive.host, drive.port, clock);
-    TwinDriveConfig config;
-    config.profile = drive.profile;
-    config.unit = drive.unit;
-    if (drive.steps_per_revolution > 0)
-      config.axis_units_per_count = 2 * std::numbers::pi / drive.steps_per_revolution;
-    server->add(config, world.stage(i));
-  }
-  std::vector<std::unique_ptr<ModbusDriveServer>> started;
-  for (auto& [endpoint, server] : servers) {
-    server->start();
-    spdlog::info("Modbus TCP drives at {}:{}", endpoint.first, server->port());
-    started.push_back(std::move(server));
-  }
-  return started;
-}
 
 std::unique_ptr<GigeVisionCamera> serve_camera(const Cell& cell, SimulatedWorld& world) {
   const SensorModel& sensor = world.sensor();

@@ -88,6 +88,7 @@ SimulationSettings read_simulation(StrictYaml simulation, const Chain& chain) {
   settings.placement_sigma_rad = simulation.angle_deg_or("placement_sigma_deg", 0.2, {0, 10});
   settings.part = simulation.path("part");
   if (simulation.has("holder")) settings.holder = simulation.path("holder");
+  simulation.leave_to_others("serial");  // the twin's lines
   simulation.finish();
   return settings;
 }

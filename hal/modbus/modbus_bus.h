@@ -8,73 +8,74 @@
 #include <vector>
 
 #include "gantry/foundation/error.h"
-
-struct _modbus;  // libmodbus calls it modbus_t.
+#include "gantry/hal/bus_statistics.h"
+#include "modbus/modbus_link.h"
+#include "modbus/turn_queue.h"
 
 namespace gantry {
 
-/// One Modbus TCP connection to a drive, or to a gateway with several units behind it (Modbus
-/// Messaging on TCP/IP Implementation Guide V1.0b). Thread-safe: one exchange at a time, in whole.
+/// How the bus may treat a write.
+struct WriteHandling {
+  bool urgent = false;  ///< Goes before everything that waits: a halt, torque off.
+  /// Doing it twice does the same as doing it once, so it may be sent again when its answer is lost. Never
+  /// for what starts a motion, nor for half of an edge.
+  bool repeatable = false;
+};
+
+/// One Modbus bus with its units: a TCP connection to a drive or gateway, or a serial line. Thread-safe and
+/// blocking: callers queue (TurnQueue), one exchange at a time, in whole. What the link behind it guarantees
+/// is said in ModbusLink; the bus adds:
 ///
-/// Rules that every operation keeps:
-/// - `timeout_s` is one deadline for everything: reopening the connection, sending, the last byte of
-///   the answer. It starts when the bus is free, so a silent unit costs its neighbours a delay and
-///   no fault.
-/// - An answer counts only if transaction, unit, function, length and echoed fields are those of the
-///   request. libmodbus does not compare the unit on TCP, so requests are framed and answers checked
-///   here; libmodbus connects, receives and keeps the time.
-/// - After a timeout or a wrong answer the connection is closed: a late answer dies with it and can
-///   never be taken for the answer to another request. The next operation opens a new one, so a drive
-///   that comes back needs no restart.
-/// - A request that may have been sent is never repeated: it might move something twice.
+/// - `timeout_s` is one deadline for everything, repetitions included. It starts when it is the caller's
+/// turn,
+///   so a silent unit costs its neighbours a delay and no fault.
+/// - Reads, and writes that are named repeatable, are sent up to `attempts` times; all else once: it might
+/// move
+///   something twice.
 ///
 /// Faults carry an empty device: the caller knows whom it addressed.
 class ModbusBus {
  public:
-  ModbusBus(std::string host, int port);
-  ~ModbusBus();
-  ModbusBus(const ModbusBus&) = delete;
-  ModbusBus& operator=(const ModbusBus&) = delete;
+  ModbusBus(std::unique_ptr<ModbusLink> link, int attempts);
 
-  /// "127.0.0.1:1503".
-  std::string address() const;
+  /// "127.0.0.1:1503" or "/dev/ttyUSB0".
+  std::string address() const { return link_->address(); }
 
+  /// FC01.
+  Result<std::vector<bool>> read_coils(int unit, uint16_t first, uint16_t count, double timeout_s);
+  /// FC02.
+  Result<std::vector<bool>> read_discrete_inputs(int unit, uint16_t first, uint16_t count, double timeout_s);
   /// FC03.
   Result<std::vector<uint16_t>> read_registers(int unit, uint16_t first, uint16_t count, double timeout_s);
-  /// FC10.
-  Result<void> write_registers(int unit, uint16_t first, std::span<const uint16_t> values, double timeout_s);
+  /// FC04.
+  Result<std::vector<uint16_t>> read_input_registers(int unit, uint16_t first, uint16_t count,
+                                                     double timeout_s);
   /// FC05.
-  Result<void> write_coil(int unit, uint16_t coil, bool on, double timeout_s);
+  Result<void> write_coil(int unit, uint16_t coil, bool on, double timeout_s, WriteHandling handling = {});
+  /// FC06.
+  Result<void> write_register(int unit, uint16_t address, uint16_t value, double timeout_s,
+                              WriteHandling handling = {});
+  /// FC10.
+  Result<void> write_registers(int unit, uint16_t first, std::span<const uint16_t> values, double timeout_s,
+                               WriteHandling handling = {});
+
+  BusStatistics statistics() const;
 
  private:
-  using Bytes = std::vector<uint8_t>;
-  struct ContextDeleter {
-    void operator()(_modbus* context) const;
-  };
+  /// Returns the PDU of the proper answer.
+  Result<modbus_pdu::Bytes> transact(int unit, const modbus_pdu::Request& request, double timeout_s,
+                                     WriteHandling handling);
+  Result<modbus_pdu::Bytes> exchange_once(int unit, const modbus_pdu::Request& request, double deadline_s,
+                                          bool retry);
+  Result<void> write(int unit, const modbus_pdu::Request& request, double timeout_s, WriteHandling handling);
+  void count(const Result<modbus_pdu::Bytes>& answer, double duration_us, bool retry);
 
-  /// What the PDU of a proper answer looks like; an exception is the only other one.
-  struct Expected {
-    Bytes begin;  ///< Function code, then byte count or echoed fields.
-    size_t size;
-  };
-
-  /// Sends the request PDU and returns the PDU of the proper answer.
-  Result<Bytes> transact(int unit, const Bytes& request, const Expected& expected, double timeout_s);
-  Result<Bytes> exchange(int unit, const Bytes& request, const Expected& expected, double deadline_s,
-                         double timeout_s);
-  /// The PDU of an answer that fits the request; an exception answer fits too.
-  Result<Bytes> check(std::span<const uint8_t> answer, int unit, const Bytes& request,
-                      const Expected& expected) const;
-  Result<void> open(double deadline_s);
-  bool connection_is_clean() const;
-  bool limit_waiting_until(double deadline_s);
-  void close();
-
-  const std::string host_;
-  const int port_;
-  std::mutex mutex_;
-  std::unique_ptr<_modbus, ContextDeleter> context_;  ///< Null while there is no connection.
-  uint16_t transaction_ = 0;
+  const std::unique_ptr<ModbusLink> link_;  ///< Of whoever has the turn.
+  const int attempts_;
+  TurnQueue turns_;
+  mutable std::mutex statistics_mutex_;
+  BusStatistics statistics_;
+  RoundTripHistogram round_trips_;
 };
 
 }  // namespace gantry

@@ -13,7 +13,7 @@
 
 namespace gantry {
 
-/// One unit on a bus: what a drive profile reads and writes through. Its faults name the drive.
+/// One unit on a bus: what a drive reads and writes through. Its faults name the drive.
 class ModbusUnit {
  public:
   ModbusUnit(std::shared_ptr<ModbusBus> bus, int unit, DriveInfo info, double response_timeout_s)
@@ -28,11 +28,15 @@ class ModbusUnit {
   Result<std::vector<uint16_t>> first_read(uint16_t first, uint16_t count) const {
     return name(bus_->read_registers(unit_, first, count, std::max(timeout_s_, kConnectTimeout_s)));
   }
-  Result<void> write(uint16_t first, std::span<const uint16_t> values) const {
-    return name(bus_->write_registers(unit_, first, values, timeout_s_));
+  Result<void> write(uint16_t first, std::span<const uint16_t> values, WriteHandling handling = {}) const {
+    return name(bus_->write_registers(unit_, first, values, timeout_s_, handling));
   }
-  Result<void> write_coil(uint16_t coil, bool on) const {
-    return name(bus_->write_coil(unit_, coil, on, timeout_s_));
+  /// By function 06, which takes one register only.
+  Result<void> write_one(uint16_t address, uint16_t value, WriteHandling handling = {}) const {
+    return name(bus_->write_register(unit_, address, value, timeout_s_, handling));
+  }
+  Result<void> write_coil(uint16_t coil, bool on, WriteHandling handling = {}) const {
+    return name(bus_->write_coil(unit_, coil, on, timeout_s_, handling));
   }
 
   tl::unexpected<Fault> refused(std::string message) const {

@@ -13,7 +13,7 @@ const std::filesystem::path kCells = std::filesystem::path(GANTRY_SOURCE_DIR) / 
 constexpr double kDeg = std::numbers::pi / 180;
 
 TEST(Cell, TheShippedCellsLoad) {
-  for (const char* file : {"simulated.yaml", "twin.yaml"}) {
+  for (const char* file : {"simulated.yaml", "twin.yaml", "twin_rs485.yaml"}) {
     const Cell cell = read_cell(kCells / file);
     ASSERT_EQ(cell.axes.size(), 3u) << file;
     ASSERT_EQ(cell.chain.joints.size(), 3u);
@@ -57,6 +57,79 @@ TEST(Cell, AFileThatIsNotThereIsNamed) {
   }
 }
 
+const std::string kBuses =
+    "buses:\n"
+    "  - { name: line, device: dev/line, baud: 38400, parity: none, stop_bits: 2, read_attempts: 3 }\n"
+    "  - { name: gateway, host: 10.0.0.7, port: 503 }\n"
+    "axes:\n";
+const std::string kLinearDrive = "    drive: { profile: simulated }\n";
+
+/// The shipped cell with `buses:` and another drive on its linear axis.
+std::string with_buses(const std::string& drive, const std::string& buses = kBuses) {
+  std::string text = file_text(kCells / "simulated.yaml");
+  text.replace(text.find("axes:\n"), 6, buses);
+  return text.replace(text.find(kLinearDrive), kLinearDrive.size(), "    drive: " + drive + "\n");
+}
+
+TEST(Cell, DrivesOnBuses) {
+  const TempFolder folder;
+  std::ofstream(folder / "cell.yaml")
+      << with_buses("{ profile: leadshine_cs2rs, bus: line, unit: 4, steps_per_mm: 2000 }");
+  const Cell cell = read_cell(folder / "cell.yaml");
+  ASSERT_EQ(cell.buses.size(), 2u);
+  const SerialLine& line = cell.buses[0].line;
+  EXPECT_EQ(line.device, folder / "dev/line");
+  EXPECT_EQ(line.baud, 38400);
+  EXPECT_EQ(line.parity, Parity::kNone);
+  EXPECT_EQ(line.stop_bits, 2);
+  EXPECT_EQ(line.read_attempts, 3);
+  EXPECT_FALSE(cell.buses[1].serial());
+  EXPECT_EQ(cell.buses[1].port, 503);
+  const DriveSettings& drive = cell.axes[0].drive;
+  EXPECT_EQ(drive.bus, "line");
+  EXPECT_EQ(drive.unit, 4);
+  EXPECT_EQ(drive.counts_per_axis_unit, 2000);
+  EXPECT_EQ(drive.counts_per_motor_revolution, 0);
+}
+
+TEST(Cell, AProfileFileIsFoundBesideTheCell) {
+  const TempFolder folder;
+  std::ofstream(folder / "mine.yaml") << "based_on: leadshine_cs2rs\nmodel: Mine\n";
+  std::ofstream(folder / "cell.yaml") << with_buses(
+      "{ profile: mine.yaml, bus: gateway, unit: 4, steps_per_mm: 2000, steps_per_motor_revolution: 4000 }");
+  const DriveSettings drive = read_cell(folder / "cell.yaml").axes[0].drive;
+  EXPECT_EQ(drive.profile, folder / "mine.yaml");
+  EXPECT_EQ(drive.counts_per_motor_revolution, 4000);
+}
+
+class BusMistake : public testing::TestWithParam<std::pair<const char*, const char*>> {};
+
+TEST_P(BusMistake, IsRefusedByKey) {
+  const TempFolder folder;
+  std::ofstream(folder / "cell.yaml")
+      << with_buses("{ profile: simulated }", "buses:\n" + std::string(GetParam().first) + "axes:\n");
+  try {
+    read_cell(folder / "cell.yaml");
+    ADD_FAILURE() << "accepted";
+  } catch (const InputError& error) {
+    EXPECT_NE(std::string(error.what()).find(GetParam().second), std::string::npos) << error.what();
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    All, BusMistake,
+    testing::Values(std::pair("  - { name: a }\n", "buses[0]: missing key 'device'"),
+                    std::pair("  - { name: a, device: x, baud: 1234 }\n", "buses[0].baud"),
+                    std::pair("  - { name: a, device: x, parity: mark }\n", "buses[0].parity"),
+                    std::pair("  - { name: a, device: x, stop_bits: 3 }\n", "buses[0].stop_bits"),
+                    std::pair("  - { name: a, device: x, read_attempts: 0 }\n", "buses[0].read_attempts"),
+                    std::pair("  - { name: a, device: x, late_answer_s: -1 }\n", "buses[0].late_answer_s"),
+                    std::pair("  - { name: a, device: x, speed: 1 }\n", "buses[0].speed"),
+                    std::pair("  - { name: a, host: h, device: x }\n", "buses[0].device"),
+                    std::pair("  - { name: a, device: x }\n  - { name: a, device: y }\n", "buses[1].name"),
+                    std::pair("  - { name: a, device: x }\n  - { name: b, device: x }\n",
+                              "buses[1].device")));
+
 class CellMistake : public testing::TestWithParam<Mistake> {};
 
 TEST_P(CellMistake, IsRefusedWithFileLineAndKey) {
@@ -88,12 +161,28 @@ INSTANTIATE_TEST_SUITE_P(
     Drives, CellMistake,
     testing::Values(
         Mistake{"UnknownProfile", kDrive, "    drive: { profile: magic }\n", 0, "axes[0].drive.profile"},
-        Mistake{"OrientalOnALinearJoint", kDrive,
+        Mistake{"StepsOfTheWrongJoint", kDrive,
                 "    drive: { profile: oriental_motor_az, host: a, unit: 1, steps_per_revolution: 36000 }\n",
-                0, "axes[0].drive: oriental_motor_az drives revolute joints"},
+                0, "axes[0].drive: missing key 'steps_per_mm'"},
+        Mistake{"StepsThatTheDriveFixes", kDrive,
+                "    drive: { profile: iai_robo_cylinder, host: a, unit: 1, steps_per_mm: 100 }\n", 0,
+                "axes[0].drive.steps_per_mm"},
+        Mistake{"NoSuchBus", kDrive,
+                "    drive: { profile: kinco_fd, bus: line, unit: 1, steps_per_mm: 1 }\n", 0,
+                "axes[0].drive.bus: there is no bus 'line'"},
+        Mistake{"NoSuchProfileFile", kDrive, "    drive: { profile: mine.yaml, host: a, unit: 1 }\n", 0,
+                "axes[0].drive.profile"},
+        Mistake{"TwoDrivesOfOneUnit", kDrive + "  - name: rotation",
+                "    drive: { profile: iai_robo_cylinder, host: a, unit: 1 }\n"
+                "  - { name: more, joint: { kind: prismatic, direction: [0, 1, 0], repeatability_mm: 0.005,\n"
+                "      direction_sigma_deg: 0.03 }, motion: { soft_limits_mm: [5, 295], speed_mm_s: 120,\n"
+                "      acceleration_mm_s2: 600, in_position_mm: 0.03 },\n"
+                "      drive: { profile: kinco_fd, host: a, unit: 1, steps_per_mm: 100 } }\n"
+                "  - name: rotation",
+                4, "axes[1].drive: another axis has unit 1 at a:502"},
         Mistake{"IaiOnARevoluteJoint", kTiltDrive,
                 "    drive: { profile: iai_robo_cylinder, host: a, unit: 1 }\n#", 0,
-                "axes[2].drive: iai_robo_cylinder is a linear drive"},
+                "axes[2].drive.profile: a drive IAI ROBO Cylinder moves no revolute joint"},
         Mistake{"NoHost", kDrive, "    drive: { profile: iai_robo_cylinder, unit: 1 }\n", 0,
                 "missing key 'host'"},
         Mistake{"UnitOutOfRange", kDrive, "    drive: { profile: iai_robo_cylinder, host: a, unit: 248 }\n",

@@ -35,7 +35,7 @@ class Twin {
       auto& server = drives[drive.port];
       if (!server) server = std::make_unique<ModbusDriveServer>(drive.host, drive.port, clock_);
       TwinDriveConfig config{drive.profile, drive.unit, 0.01};
-      if (drive.steps_per_revolution > 0) config.axis_units_per_count = 2 * std::numbers::pi / drive.steps_per_revolution;
+      if (drive.counts_per_axis_unit > 0) config.axis_units_per_count = 1 / drive.counts_per_axis_unit;
       server->add(config, world_->stage(i));
     }
     for (auto& [port, server] : drives) server->start();

@@ -16,7 +16,7 @@
 namespace gantry::fuzz {
 namespace {
 
-constexpr uint8_t kAz = 1, kWhole = 2, kStayOpen = 4;
+constexpr uint8_t kAz = 1, kWhole = 2, kStayOpen = 4, kCs2rs = 8, kKinco = 16;
 
 /// Answers every request on a loopback port out of the bytes of the present input.
 class Answerer {
@@ -89,6 +89,8 @@ std::vector<std::string> seeds() {
   const auto with = [](uint8_t flags, const std::string& bytes) { return static_cast<char>(flags) + bytes; };
   return {with(0, status),
           with(kAz, status),
+          with(kCs2rs, "\0\x62\0\0\x27\x10"s),
+          with(kKinco, "\x94\x27\0\x21\0\0"s),
           with(kWhole, whole),
           with(kWhole | kStayOpen, "\0\0\0\0\0\3\1\x83\2"s),
           with(kAz | kWhole, "\0\0\0\0\0\7\1\3\4\0\0\0\x38"s),
@@ -111,11 +113,15 @@ int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
     config.profile = "oriental_motor_az";
     config.kind = AxisKind::kRotary;
     config.counts_per_axis_unit = 5000;
+  } else if (size > 0 && data[0] & (fuzz::kCs2rs | fuzz::kKinco)) {
+    config.profile = data[0] & fuzz::kCs2rs ? "leadshine_cs2rs" : "kinco_fd";
+    config.counts_per_axis_unit = 2000;
   } else {
     config.profile = "iai_robo_cylinder";
   }
   const auto drive = make_modbus_drive(config, nullptr, clock);
   // A Fault is a fine end of any of these.
+  (void)drive->connect();
   (void)drive->read_status();
   (void)drive->set_servo(true);
   (void)drive->start_homing();

@@ -29,6 +29,8 @@ constexpr int kAlarmNotHomed = 0x4A;
 constexpr int kAlarmOvertravel = 0x67;
 constexpr int kAlarmEmergencyStop = 0x68;
 constexpr int kAlarmOperationData = 0x70;
+constexpr int kAlarmCommunicationTimeout = 0x85;
+constexpr int32_t kMaxCommunicationTimeout_ms = 10'000;
 
 constexpr int64_t kInPositionSteps = 10;
 
@@ -51,13 +53,17 @@ uint16_t bit(int number, bool on) {
 
 }  // namespace
 
-OrientalMotorAz::OrientalMotorAz(SimulatedStage& stage, double axis_units_per_step, double now_s)
-    : stage_(stage), axis_units_per_step_(axis_units_per_step) {
+OrientalMotorAz::OrientalMotorAz(SimulatedStage& stage, double axis_units_per_step, double now_s,
+                                 int communication_timeout_address)
+    : stage_(stage),
+      axis_units_per_step_(axis_units_per_step),
+      communication_timeout_address_(communication_timeout_address),
+      heard_at_s_(now_s) {
   energise(now_s);
 }
 
 bool OrientalMotorAz::serves(int function) const {
-  return function == 0x03 || function == 0x06 || function == 0x10;
+  return function == 0x03 || function == 0x06 || function == 0x08 || function == 0x10;
 }
 
 int32_t OrientalMotorAz::feedback_steps(const StageState& state) const {
@@ -82,6 +88,7 @@ uint16_t OrientalMotorAz::outputs(const StageState& state) const {
 std::optional<int32_t> OrientalMotorAz::item(int even_address, const StageState& state) const {
   if (even_address >= kDirectData && even_address < kDirectDataEnd)
     return direct_[static_cast<size_t>(even_address - kDirectData) / 2];
+  if (even_address == communication_timeout_address_ && even_address != 0) return communication_timeout_ms_;
   switch (even_address) {
     case 0x007C:
       return inputs_;
@@ -128,6 +135,13 @@ ModbusAnswer<void> OrientalMotorAz::write_registers(int address, std::span<const
   const int end = address + static_cast<int>(words.size());
   if (address >= kInputs && end <= kInputsEnd) {
     if (end == kInputsEnd) apply_inputs(words.back(), now_s);
+    return {};
+  }
+  if (address == communication_timeout_address_ && address != 0 && words.size() == 2) {
+    const int32_t timeout_ms = int32_from_words(words[0], words[1]);
+    if (timeout_ms < 0 || timeout_ms > kMaxCommunicationTimeout_ms)
+      return tl::make_unexpected(ModbusException::kDeviceFailure);
+    communication_timeout_ms_ = timeout_ms;
     return {};
   }
   if (address >= kDirectData && end <= kDirectDataEnd) return write_direct_data(address, words, now_s);
@@ -179,6 +193,14 @@ void OrientalMotorAz::start_direct_operation(double now_s) {
       stage_target < dynamics.travel_min - margin || stage_target > dynamics.travel_max + margin;
   stage_.start_move(stage_target, std::abs(direct_[kSpeed]) * axis_units_per_step_,
                     std::min(direct_[kStartRate], direct_[kStopRate]) * axis_units_per_step_, now_s);
+}
+
+void OrientalMotorAz::heard(double now_s) {
+  const double silent_until_s = heard_at_s_ + communication_timeout_ms_ / 1e3;
+  heard_at_s_ = now_s;
+  // The motor was stopped then, not only now that somebody asks again.
+  if (communication_timeout_ms_ > 0 && now_s > silent_until_s)
+    raise_alarm(kAlarmCommunicationTimeout, false, silent_until_s);
 }
 
 void OrientalMotorAz::catch_up(double now_s) {

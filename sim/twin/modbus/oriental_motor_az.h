@@ -26,7 +26,9 @@ namespace gantry {
 class OrientalMotorAz final : public TwinDrive {
  public:
   /// The motor is energised from power-on.
-  OrientalMotorAz(SimulatedStage& stage, double axis_units_per_step, double now_s);
+  /// `communication_timeout_address`: of the upper word of that parameter, milliseconds; 0: it has none.
+  OrientalMotorAz(SimulatedStage& stage, double axis_units_per_step, double now_s,
+                  int communication_timeout_address = 0);
 
   bool serves(int function) const override;
   ModbusAnswer<std::vector<uint16_t>> read_registers(int address, int count, double now_s) override;
@@ -34,6 +36,8 @@ class OrientalMotorAz final : public TwinDrive {
   ModbusAnswer<void> write_bit(int address, bool on, double now_s) override;
   ModbusAnswer<void> write_registers(int address, std::span<const uint16_t> words, double now_s) override;
 
+  /// Alarm 85 when it has heard nothing for longer than its time-out.
+  void heard(double now_s) override;
   void raise_alarm(int code, bool persists, double now_s) override;
   void clear_alarm_cause() override { alarm_persists_ = false; }
   void set_emergency_stop(bool active, double now_s) override;
@@ -64,6 +68,9 @@ class OrientalMotorAz final : public TwinDrive {
   int alarm_ = 0;
   bool alarm_persists_ = false;
   bool emergency_stop_ = false;
+  int communication_timeout_address_;
+  int32_t communication_timeout_ms_ = 0;
+  double heard_at_s_;
 };
 
 }  // namespace gantry

@@ -13,6 +13,7 @@ enum class ModbusException : uint8_t {
   kIllegalAddress = 0x02,
   kIllegalValue = 0x03,
   kDeviceFailure = 0x04,
+  kBusy = 0x06,
   kGatewayTargetSilent = 0x0B
 };
 
@@ -32,12 +33,15 @@ class TwinDrive {
   virtual ModbusAnswer<void> write_bit(int address, bool on, double now_s) = 0;
   virtual ModbusAnswer<void> write_registers(int address, std::span<const uint16_t> words, double now_s) = 0;
 
+  /// A request has come, whatever becomes of it: what a communication time-out waits for.
+  virtual void heard(double /*now_s*/) {}
+
   virtual void raise_alarm(int code, bool persists, double now_s) = 0;
   virtual void clear_alarm_cause() = 0;
   virtual void set_emergency_stop(bool active, double now_s) = 0;
 };
 
-/// Both drives put the upper word at the lower address.
+/// As IAI, Oriental Motor and Leadshine order them: upper word at the lower address.
 inline int32_t int32_from_words(uint16_t upper, uint16_t lower) {
   return static_cast<int32_t>(static_cast<uint32_t>(upper) << 16 | lower);
 }

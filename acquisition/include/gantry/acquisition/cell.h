@@ -6,21 +6,13 @@
 #include <string>
 #include <vector>
 
+#include "gantry/acquisition/drive_settings.h"
 #include "gantry/foundation/clock.h"
 #include "gantry/hal/axis.h"
 #include "gantry/hal/scanner.h"
 #include "gantry/kinematics/chain.h"
 
 namespace gantry {
-
-/// How one axis is reached.
-struct DriveSettings {
-  std::string profile;  ///< "iai_robo_cylinder", "oriental_motor_az" or "simulated".
-  std::string host;
-  int port = 502;
-  int unit = 1;
-  double steps_per_revolution = 0;  ///< Of the load, after any gear; oriental_motor_az only.
-};
 
 struct AxisSettings {
   std::string name;
@@ -41,6 +33,7 @@ struct Cell {
   std::string name;
   std::string calibration_id;  ///< Recorded with every scan.
   std::filesystem::path file;
+  std::vector<BusSettings> buses;  ///< That drives name.
   Chain chain;
   std::vector<AxisSettings> axes;  ///< In the order of the chain.
   ScannerSettings scanner;

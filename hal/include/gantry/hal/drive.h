@@ -27,8 +27,11 @@ struct DriveStatus {
   bool moving = false;
   bool in_position = false;  ///< The drive's own opinion that the last move has ended at its target.
   bool emergency_stop = false;
-  std::optional<int> alarm;  ///< The drive's alarm code while one is pending.
-  double sampled_at_s = 0;   ///< By the injected clock.
+  std::optional<int> alarm;               ///< The drive's alarm code while one is pending.
+  std::optional<double> following_error;  ///< Command minus actual position; where the drive tells it.
+  bool lower_limit = false;               ///< The hard limit switch, as the drive sees it.
+  bool upper_limit = false;
+  double sampled_at_s = 0;  ///< By the injected clock.
 };
 
 struct MoveCommand {
@@ -53,6 +56,11 @@ class Drive {
   /// Decelerates to standstill; the motor stays under power.
   virtual Result<void> halt() = 0;
   virtual Result<void> reset_alarm() = 0;
+  /// Makes the drive stop by itself when it has heard nothing for so long; 0 ends that. kRefused where the
+  /// drive cannot.
+  virtual Result<void> set_communication_timeout(double /*timeout_s*/) {
+    return fault(FaultKind::kRefused, info().text(), "this drive has no communication time-out");
+  }
 };
 
 }  // namespace gantry
