@@ -30,7 +30,7 @@ std::unique_ptr<SimulatedWorld> make_world(const Cell& cell, const std::optional
 }
 
 CellDevices make_devices(const Cell& cell, const std::optional<std::filesystem::path>& part, uint64_t seed,
-                         Clock& clock) {
+                         Clock& clock, bool threads) {
   CellDevices devices;
   const bool needs_world = cell.scanner.kind == "simulated" ||
                            std::any_of(cell.axes.begin(), cell.axes.end(),
@@ -40,12 +40,15 @@ CellDevices make_devices(const Cell& cell, const std::optional<std::filesystem::
     devices.simulated = true;
   }
   std::map<std::pair<std::string, int>, std::shared_ptr<ModbusBus>> buses;
+  std::map<std::pair<std::string, int>, size_t> bus_numbers;  // axes on one bus share its I/O thread
   std::vector<std::unique_ptr<Axis>> axes;
+  MotionOptions options{cell.supervisor, cell.drive_timeout_s, threads, {}};
   for (size_t i = 0; i < cell.axes.size(); ++i) {
     const AxisSettings& settings = cell.axes[i];
     std::unique_ptr<Drive> drive;
     if (settings.drive.profile == "simulated") {
       drive = make_simulated_drive(settings.name, *devices.world, i);
+      options.bus_of_axis.push_back(cell.axes.size() + i);
     } else {
       ModbusDriveConfig config;
       config.axis = settings.name;
@@ -59,12 +62,14 @@ CellDevices make_devices(const Cell& cell, const std::optional<std::filesystem::
       if (settings.kind == AxisKind::kLinear) config.in_position_mm = settings.limits.in_position;
       auto& bus = buses[{config.host, config.port}];
       if (!bus) bus = make_modbus_bus(config.host, config.port);
+      options.bus_of_axis.push_back(bus_numbers.emplace(std::pair{config.host, config.port}, i).first->second);
       drive = make_modbus_drive(config, bus, clock);
       devices.simulated = devices.simulated || on_loopback(config.host);
     }
     axes.push_back(std::make_unique<Axis>(std::move(drive), settings.kind, settings.limits, clock));
   }
-  devices.motion = std::make_unique<Motion>(std::move(axes), cell.axes, clock);
+  devices.motion = std::make_unique<Motion>(std::move(axes), cell.axes, options, clock);
+  devices.axes_in_process = buses.empty();
   if (cell.scanner.kind == "simulated") {
     devices.scanner = make_simulated_scanner(*devices.world);
   } else {

@@ -28,6 +28,8 @@ struct DriveStatus {
   bool in_position = false;  ///< The drive's own opinion that the last move has ended at its target.
   bool emergency_stop = false;
   std::optional<int> alarm;  ///< The drive's alarm code while one is pending.
+  std::optional<double> following_error;  ///< Commanded minus actual position, where the drive tells it.
+  bool lower_limit = false, upper_limit = false;  ///< Hard limit switches as the drive sees them.
   double sampled_at_s = 0;   ///< By the injected clock.
 };
 
@@ -53,6 +55,13 @@ class Drive {
   /// Decelerates to standstill; the motor stays under power.
   virtual Result<void> halt() = 0;
   virtual Result<void> reset_alarm() = 0;
+  /// The drive stops by itself when it hears nothing for so long; 0 switches that off. A drive that
+  /// cannot returns a Fault kRefused with the words "has no communication time-out".
+  virtual Result<void> set_communication_timeout(double /*timeout_s*/) {
+    return fault(FaultKind::kRefused, info().text(), "has no communication time-out");
+  }
+  /// Whether start_move() works before homing, in the encoder's own coordinates; jogging then needs it.
+  virtual bool moves_unhomed() const { return false; }
 };
 
 }  // namespace gantry
