@@ -197,6 +197,9 @@ void AxisMachine::follow_up_error(double now_s) {
     torque_off_at_rest_by_s_.reset();
     post(DriveAction::kServoOff, now_s);
   }
+  // It has begun to move again, held as it was.
+  if (!at_rest && snapshot_.status.servo_on && fresh() && !torque_off_if_moving_at_s_)
+    torque_off_if_moving_at_s_ = now_s + kHaltMargin_s;
   // Halting did not help: a runaway, or a drive that does not obey.
   if (torque_off_if_moving_at_s_ && now_s > *torque_off_if_moving_at_s_) {
     torque_off_if_moving_at_s_.reset();
