@@ -199,7 +199,8 @@ void Motion::stop_all(const std::string& reason) {
     const SupervisorStatus status = supervisor_.status();
     return std::any_of(status.axes.begin(), status.axes.begin() + static_cast<long>(axes_.size()), condition);
   };
-  if (anything(in_motion)) {
+  const bool stopped = anything(in_motion);
+  if (stopped) {
     {
       std::lock_guard lock(reason_mutex_);
       stop_reason_ = reason;
@@ -215,7 +216,7 @@ void Motion::stop_all(const std::string& reason) {
                                axis.drive.age_s(clock_.now_s()) < 0.5);
   };
   while (clock_.now_s() < deadline_s && anything(may_move)) turn();
-  if (!threads_)
+  if (stopped && !threads_)
     for (auto& axis : axes_) axis->channel().service();  // What the last cycle commanded.
 }
 

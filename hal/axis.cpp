@@ -125,12 +125,12 @@ Result<void> Axis::reset() {
 
 Result<AxisStatus> Axis::update() {
   const AxisState before = machine_.state();
-  const uint64_t faults_before = machine_.snapshot().faults;
+  const uint64_t faults_before = channel_.latest().faults;
   follow();
   const bool failed_now = machine_.state() == AxisState::kErrorStop && before != AxisState::kErrorStop;
   if (failed_now) channel_.service();  // The halt, or torque off, at once.
   if (failed_now) return tl::make_unexpected(fault_of(machine_.error()));
-  if (machine_.snapshot().faults != faults_before) return tl::make_unexpected(channel_.last_fault());
+  if (channel_.latest().faults != faults_before) return tl::make_unexpected(channel_.last_fault());
   return status();
 }
 

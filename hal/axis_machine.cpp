@@ -104,13 +104,11 @@ AxisRefusal AxisMachine::check_move(const MoveCommand& command) const {
 
 AxisRefusal AxisMachine::check_jog(const MoveCommand& command) const {
   if (const auto refusal = check(AxisTrigger::kJog); refusal != AxisRefusal::kNone) return refusal;
+  if (snapshot_.status.homed && !(command.target >= limits_.lower && command.target <= limits_.upper))
+    return AxisRefusal::kSoftLimit;
   if (!std::isfinite(command.target) || !positive(command.speed) || !positive(command.acceleration))
     return AxisRefusal::kNotANumber;
-  if (snapshot_.status.homed) {
-    if (command.target < limits_.lower || command.target > limits_.upper) return AxisRefusal::kSoftLimit;
-  } else if (!channel_.drive().moves_unhomed()) {
-    return AxisRefusal::kCannotMoveUnhomed;
-  }
+  if (!snapshot_.status.homed && !channel_.drive().moves_unhomed()) return AxisRefusal::kCannotMoveUnhomed;
   const double way = command.target - snapshot_.status.position;
   if ((snapshot_.status.lower_limit && way < 0) || (snapshot_.status.upper_limit && way > 0))
     return AxisRefusal::kOnLimitSwitch;
@@ -174,6 +172,7 @@ void AxisMachine::fail(const AxisError& error, Torque torque, double now_s) {
   // the motor by itself.
   if (torque == Torque::kOffAtOnce || was_enabling) {
     post(DriveAction::kServoOff, now_s);
+    post(DriveAction::kHalt, now_s);  // Nor is anything of the travel left for later.
   } else if (was_powered) {
     post(DriveAction::kHalt, now_s);
     torque_off_if_moving_at_s_ = now_s + limits_.braking_s() + kHaltMargin_s;

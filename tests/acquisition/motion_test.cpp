@@ -99,7 +99,7 @@ class MotionTest : public testing::Test {
     const char* names[] = {"linear", "rotation", "tilt"};
     std::vector<std::unique_ptr<Axis>> axes;
     std::vector<AxisSettings> settings;
-    motion_.reset();
+    TearDown();
     for (size_t i = 0; i < 3; ++i) {
       drives_[i] = {};
       AxisSettings axis;
@@ -111,6 +111,12 @@ class MotionTest : public testing::Test {
       settings.push_back(axis);
     }
     motion_ = std::make_unique<Motion>(std::move(axes), settings, MotionOptions{}, clock_);
+  }
+
+  /// Motion's end still reads the drives; what a test lets them do may ask for the motion.
+  void TearDown() override {
+    for (DriveScript& drive : drives_) drive.wander = [](double) { return 0.0; };
+    motion_.reset();
   }
 
   void home() {

@@ -244,7 +244,7 @@ TEST_F(AxisMachineTest, StopCategoriesTakeTheTorqueAtOnceOrAtRest) {
   run_to(80);
   machine.abort({AxisReason::kSafety, 0}, AxisMachine::Torque::kOffAtOnce, clock.now_s());
   channel.service();
-  EXPECT_EQ(drive.calls, std::vector<std::string>{"servo off"});
+  EXPECT_EQ(drive.calls, (std::vector<std::string>{"servo off", "halt"})) << "torque first";
 }
 
 TEST_F(AxisMachineTest, BeyondTheSoftLimitsIsAFaultButTheWayInIsNot) {
@@ -272,8 +272,9 @@ TEST_F(AxisMachineTest, BeforeHomingOnlySlowJogsAndOnlyWhereTheDriveCan) {
 TEST_F(AxisMachineTest, WhatIsNoNumberIsRefused) {
   stand();
   const double nan = std::nan(""), infinity = std::numeric_limits<double>::infinity();
-  for (const MoveCommand& command : {MoveCommand{nan, 1, 1}, MoveCommand{infinity, 1, 1}, MoveCommand{1, nan, 1},
-                                     MoveCommand{1, 0, 1}, MoveCommand{1, -1, 1}, MoveCommand{1, 1, 0},
+  for (const double target : {nan, infinity, -infinity})
+    EXPECT_EQ(machine.jog({target, 1, 1}, clock.now_s()), AxisRefusal::kSoftLimit);
+  for (const MoveCommand& command : {MoveCommand{1, nan, 1}, MoveCommand{1, 0, 1}, MoveCommand{1, -1, 1}, MoveCommand{1, 1, 0},
                                      MoveCommand{1, infinity, 1}}) {
     EXPECT_EQ(machine.move(command, clock.now_s()), AxisRefusal::kNotANumber);
     EXPECT_EQ(machine.jog(command, clock.now_s()), AxisRefusal::kNotANumber);

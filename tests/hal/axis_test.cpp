@@ -52,6 +52,8 @@ class AxisTest : public testing::Test {
     drive.calls.clear();
   }
 
+  std::vector<std::string> last_two() const { return {drive.calls.end() - 2, drive.calls.end()}; }
+
   VirtualClock clock;
   FakeDrive& drive;
   Axis axis;
@@ -268,7 +270,7 @@ TEST_P(AxisPoweredErrors, TheEmergencyStopIsLatchedAndReleasingItPowersNothing) 
   drive.status.emergency_stop = true;
   ASSERT_FALSE(axis.update());
   EXPECT_EQ(axis.status().state, kErrorStop);
-  EXPECT_EQ(drive.calls.back(), "servo off");
+  EXPECT_EQ(drive.calls, (std::vector<std::string>{"servo off", "halt"}));
   drive.status.emergency_stop = false;
   ASSERT_TRUE(axis.update());
   EXPECT_EQ(axis.status().state, kErrorStop) << "needs a reset";
@@ -342,23 +344,24 @@ TEST_F(AxisTest, EnableGivesUpAndLeavesTheServoCommandOff) {
   auto enabled = axis.enable();
   ASSERT_FALSE(enabled);
   EXPECT_EQ(enabled.error().kind, FaultKind::kTimeout);
-  EXPECT_EQ(drive.calls.back(), "servo off");
+  EXPECT_EQ(last_two(), (std::vector<std::string>{"servo off", "halt"}));
   EXPECT_NEAR(clock.now_s(), 2.0, 0.1);
 
   drive.obeys_servo = true;
   ASSERT_TRUE(axis.reset());
   drive.status.emergency_stop = true;
   ASSERT_FALSE(axis.enable());
-  EXPECT_EQ(drive.calls.back(), "servo off");
+  EXPECT_EQ(last_two(), (std::vector<std::string>{"servo off", "halt"}));
   EXPECT_FALSE(drive.status.servo_on);
 
-  ASSERT_TRUE(axis.reset());
+  EXPECT_FALSE(axis.reset()) << "the button is still pressed";
   drive.status.emergency_stop = false;
+  ASSERT_TRUE(axis.reset());
   drive.status.alarm = 7;
   enabled = axis.enable();
   ASSERT_FALSE(enabled);
   EXPECT_EQ(enabled.error().kind, FaultKind::kAlarm);
-  EXPECT_EQ(drive.calls.back(), "servo off");
+  EXPECT_EQ(last_two(), (std::vector<std::string>{"servo off", "halt"}));
 }
 
 TEST_F(AxisTest, ResetThatFailsStaysInErrorStop) {

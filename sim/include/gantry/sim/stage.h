@@ -36,7 +36,7 @@ struct StageDynamics {
   double back_off = 0;        ///< From the switch's edge before the final approach (kSwitch).
   double index_pitch = 0;     ///< Way between two index pulses; the edge lies half a pitch before home.
   /// Limit switches, active from there on outwards. On the way outwards the drive stops at one.
-  std::optional<double> lower_limit, upper_limit;
+  std::optional<double> lower_limit = std::nullopt, upper_limit = std::nullopt;
   double following_lag_s = 0;  ///< The carriage is where the command was so long ago: lag ~ velocity.
   double backlash = 0;         ///< Play between the encoder and the carriage.
 };
