@@ -21,12 +21,13 @@ std::vector<double> read_joints(StrictYaml yaml, const Cell& cell) {
     const bool linear = axis.kind == AxisKind::kLinear;
     const std::string key = axis.name + (linear ? "_mm" : "_deg");
     const double value = linear ? yaml.number(key) : yaml.angle_deg(key);
-    if (value < axis.limits.lower || value > axis.limits.upper) {
+    if (!(value >= axis.lowest_target() && value <= axis.highest_target())) {
       const double scale = linear ? 1.0 : kDegPerRad;
       char text[160];
-      std::snprintf(text, sizeof text, "%.3f lies outside the soft limits of axis %s, %.3f to %.3f %s",
-                    value * scale, axis.name.c_str(), axis.limits.lower * scale, axis.limits.upper * scale,
-                    linear ? "mm" : "deg");
+      std::snprintf(text, sizeof text, "%.3f lies outside the soft limits of axis %s%s, %.3f to %.3f %s",
+                    value * scale, axis.name.c_str(),
+                    axis.approach == Approach::kAny ? "" : " less the way of approach", axis.lowest_target() * scale,
+                    axis.highest_target() * scale, linear ? "mm" : "deg");
       yaml.fail(key, text);
     }
     q.push_back(value);
@@ -47,8 +48,8 @@ std::vector<double> read_sensor_pose(StrictYaml yaml, const Cell& cell) {
   yaml.finish();
   std::vector<double> lower, upper;
   for (const AxisSettings& axis : cell.axes) {
-    lower.push_back(axis.limits.lower);
-    upper.push_back(axis.limits.upper);
+    lower.push_back(axis.lowest_target());
+    upper.push_back(axis.highest_target());
   }
   const InverseResult found = nearest_view(cell.chain, target, lower, upper);
   if (found.position_error_mm > position_tolerance || found.direction_error_rad > direction_tolerance) {

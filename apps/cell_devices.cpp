@@ -57,7 +57,7 @@ std::unique_ptr<SimulatedWorld> make_world(const Cell& cell, const std::optional
 }
 
 CellDevices make_devices(const Cell& cell, const std::optional<std::filesystem::path>& part, uint64_t seed,
-                         Clock& clock) {
+                         Clock& clock, bool threads) {
   CellDevices devices;
   const bool needs_world = cell.scanner.kind == "simulated" ||
                            std::any_of(cell.axes.begin(), cell.axes.end(),
@@ -67,12 +67,15 @@ CellDevices make_devices(const Cell& cell, const std::optional<std::filesystem::
     devices.simulated = true;
   }
   std::map<std::string, std::shared_ptr<ModbusBus>> buses;
+  std::map<std::string, size_t> bus_numbers;  // axes on one bus share its I/O thread
   std::vector<std::unique_ptr<Axis>> axes;
+  MotionOptions options{cell.supervisor, cell.drive_timeout_s, threads, {}};
   for (size_t i = 0; i < cell.axes.size(); ++i) {
     const AxisSettings& settings = cell.axes[i];
     std::unique_ptr<Drive> drive;
     if (settings.drive.profile == "simulated") {
       drive = make_simulated_drive(settings.name, *devices.world, i);
+      options.bus_of_axis.push_back(cell.axes.size() + i);
     } else {
       auto& bus = buses[settings.drive.bus_key()];
       if (!bus) {
@@ -80,10 +83,12 @@ CellDevices make_devices(const Cell& cell, const std::optional<std::filesystem::
         devices.buses.push_back(bus);
       }
       drive = make_drive(settings, bus, clock);
+      options.bus_of_axis.push_back(bus_numbers.emplace(settings.drive.bus_key(), i).first->second);
     }
     axes.push_back(std::make_unique<Axis>(std::move(drive), settings.kind, settings.limits, clock));
   }
-  devices.motion = std::make_unique<Motion>(std::move(axes), cell.axes, clock);
+  devices.motion = std::make_unique<Motion>(std::move(axes), cell.axes, options, clock);
+  devices.axes_in_process = buses.empty();
   if (cell.scanner.kind == "simulated") {
     devices.scanner = make_simulated_scanner(*devices.world);
   } else {

@@ -20,12 +20,14 @@ struct CellDevices {
   std::unique_ptr<Motion> motion;
   std::unique_ptr<Scanner> scanner;
   bool simulated = false;  ///< No real part is measured (in-process, or a twin on loopback).
+  /// Every axis is simulated in this process: nobody else can see or disturb them.
+  bool axes_in_process = false;
 };
 
-/// `part` replaces the mesh that the simulation section names. Throws InputError when the cell needs a
+/// Motion runs on `threads` of its own, in real time, or as its caller waits. `part` replaces the mesh that the simulation section names. Throws InputError when the cell needs a
 /// simulation section and has none.
 CellDevices make_devices(const Cell& cell, const std::optional<std::filesystem::path>& part, uint64_t seed,
-                         Clock& clock);
+                         Clock& clock, bool threads = true);
 
 /// The world of the cell's simulation section.
 std::unique_ptr<SimulatedWorld> make_world(const Cell& cell, const std::optional<std::filesystem::path>& part,

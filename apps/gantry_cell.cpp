@@ -1,4 +1,4 @@
-// Lab cell control: runs a plan from homing to verdict.
+// Lab cell control: runs a plan from homing to verdict; moves and shows the axes (motion_commands.cpp).
 
 #include <spdlog/spdlog.h>
 
@@ -17,6 +17,7 @@
 #include "gantry/fusion/fusion.h"
 #include "gantry/fusion/registration_json.h"
 #include "inspection_step.h"
+#include "motion_commands.h"
 #include "progress.h"
 #include "reference_mesh.h"
 
@@ -135,6 +136,7 @@ ExitCode run(const RunCommand& command) {
 
   SteadyClock clock;
   CellDevices devices = make_devices(cell, command.part, command.seed, clock);
+  std::optional<CellSession> session = take_control(cell, devices, "gantry-cell run");
   RunFolder folder(command.out, run_facts(command, cell), command.resume);
   Progress progress(stdout_is_terminal() && !command.json);
 
@@ -150,7 +152,7 @@ ExitCode run(const RunCommand& command) {
 
   Motion& motion = *devices.motion;
   motion.cancel_when([] { return stop_requested().load(); });
-  motion.on_progress([&](const std::vector<AxisStatus>&) { progress.axes(motion.axes()); });
+  motion.on_progress([&](const std::vector<AxisStatus>& now) { progress.axes(motion.axes(), now); });
   const auto device_step = [&](const Result<void>& result) {
     if (!result) folder.journal().add_event("fault", result.error().text());
     if (!result) progress.clear();
@@ -158,6 +160,7 @@ ExitCode run(const RunCommand& command) {
   };
   progress.stage("connecting");
   device_step(motion.connect());
+  publish_status(session, cell, motion, "gantry-cell run");
   device_step(devices.scanner->connect());
   progress.stage("homing");
   device_step(motion.enable());
@@ -215,66 +218,6 @@ ExitCode run(const RunCommand& command) {
   return code;
 }
 
-/// Opens the cell's axes for a short command.
-std::unique_ptr<Motion> connect_axes(const std::filesystem::path& cell_path, Clock& clock, Cell& cell) {
-  cell = read_cell(cell_path);
-  cell.scanner.kind = "genicam3d";  // not opened here, and no world is needed for it
-  CellDevices devices = make_devices(cell, std::nullopt, 1, clock);
-  if (devices.world)
-    throw InputError(cell_path.string() +
-                     ": simulated drives live in the process that runs them; this command needs real drives "
-                     "or gantry-twin");
-  require(devices.motion->connect());
-  return std::move(devices.motion);
-}
-
-ExitCode status(const std::filesystem::path& cell_path, bool json) {
-  SteadyClock clock;
-  Cell cell;
-  const auto motion = connect_axes(cell_path, clock, cell);
-  nlohmann::json out = nlohmann::json::array();
-  if (!json) std::printf("  axis        position      servo  homed  moving  alarm  drive\n");
-  for (const auto& axis : motion->axes()) {
-    const DriveStatus& s = axis->status().drive;
-    const std::string alarm = s.emergency_stop ? "E-STOP" : s.alarm ? std::to_string(*s.alarm) : "-";
-    if (json) {
-      out.push_back({{"axis", axis->name()},
-                     {"position", s.position},
-                     {"unit", axis->kind() == AxisKind::kLinear ? "mm" : "rad"},
-                     {"servo_on", s.servo_on},
-                     {"homed", s.homed},
-                     {"moving", s.moving},
-                     {"alarm", s.alarm ? nlohmann::json(*s.alarm) : nlohmann::json()},
-                     {"emergency_stop", s.emergency_stop}});
-    } else {
-      std::printf("  %-10s  %-12s  %-5s  %-5s  %-6s  %-5s  %s\n", axis->name().c_str(),
-                  s.homed ? axis->format(s.position).c_str() : "unknown", s.servo_on ? "on" : "off",
-                  s.homed ? "yes" : "no", s.moving ? "yes" : "no", alarm.c_str(),
-                  axis->info().text().c_str());
-    }
-  }
-  if (json) std::printf("%s\n", out.dump().c_str());
-  return ExitCode::kPass;
-}
-
-ExitCode home(const std::filesystem::path& cell_path) {
-  install_stop_handler();
-  SteadyClock clock;
-  Cell cell;
-  const auto motion = connect_axes(cell_path, clock, cell);
-  Progress progress(stdout_is_terminal());
-  motion->cancel_when([] { return stop_requested().load(); });
-  motion->on_progress([&](const std::vector<AxisStatus>&) { progress.axes(motion->axes()); });
-  progress.stage("homing");
-  require(motion->enable());
-  require(motion->home(cell.homing_order));
-  progress.clear();
-  std::printf("homed:");
-  for (const auto& axis : motion->axes()) std::printf(" %s", axis->name().c_str());
-  std::printf("\n");
-  return ExitCode::kPass;
-}
-
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -309,17 +252,10 @@ int main(int argc, char** argv) {
   running->add_option("--seed", command.seed, "Seed of an in-process simulated cell")->capture_default_str();
   running->add_flag("--json", command.json, "Print the result as JSON");
 
-  std::filesystem::path cell;
-  bool json = false;
-  CLI::App* homing = app.add_subcommand("home", "Home all axes in the order that CELL.yaml gives");
-  homing->add_option("--cell", cell, "CELL.yaml")->required();
-  CLI::App* showing = app.add_subcommand("status", "Show every axis: position, servo, homed, alarm");
-  showing->add_option("--cell", cell, "CELL.yaml")->required();
-  showing->add_flag("--json", json, "Print as JSON");
+  MotionCommands motion(app);
 
   return run_app(app, argc, argv, common, [&] {
     if (running->parsed()) return run(command);
-    if (homing->parsed()) return home(cell);
-    return status(cell, json);
+    return motion.run();
   });
 }

@@ -4,13 +4,14 @@
 
 namespace gantry {
 
-void Progress::axes(const std::vector<std::unique_ptr<Axis>>& axes) {
+void Progress::axes(const std::vector<std::unique_ptr<Axis>>& axes,
+                    const std::vector<AxisStatus>& statuses) {
   if (!enabled_) return;
   std::lock_guard lock(mutex_);
   axes_.clear();
-  for (const auto& axis : axes) {
-    axes_ += "  " + axis->name() + " ";
-    axes_ += axis->status().drive.homed ? axis->format(axis->status().drive.position) : "not homed";
+  for (size_t i = 0; i < axes.size(); ++i) {
+    const DriveStatus& drive = statuses[i].drive;
+    axes_ += "  " + axes[i]->name() + " " + (drive.homed ? axes[i]->format(drive.position) : "not homed");
   }
   draw();
 }

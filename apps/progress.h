@@ -15,7 +15,7 @@ class Progress {
   explicit Progress(bool enabled) : enabled_(enabled) {}
   ~Progress() { clear(); }
 
-  void axes(const std::vector<std::unique_ptr<Axis>>& axes);
+  void axes(const std::vector<std::unique_ptr<Axis>>& axes, const std::vector<AxisStatus>& statuses);
   void stage(const std::string& text);
   /// Removes the line, so that other output starts on a clean one.
   void clear();

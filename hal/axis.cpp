@@ -1,221 +1,142 @@
 #include "gantry/hal/axis.h"
 
-#include <cmath>
-#include <cstdio>
-#include <numbers>
-
 namespace gantry {
 
-std::string_view to_string(AxisState state) {
-  switch (state) {
-    case AxisState::kDisabled:
-      return "Disabled";
-    case AxisState::kStandstill:
-      return "Standstill";
-    case AxisState::kHoming:
-      return "Homing";
-    case AxisState::kDiscreteMotion:
-      return "DiscreteMotion";
-    case AxisState::kStopping:
-      return "Stopping";
-    case AxisState::kErrorStop:
-      return "ErrorStop";
-  }
-  return "unknown";
-}
-
-namespace {
-
-// Manuals list alarm codes in hexadecimal.
-std::string alarm_text(int code) {
-  char text[48];
-  std::snprintf(text, sizeof text, "drive alarm %02Xh (%d)", static_cast<unsigned>(code), code);
-  return text;
-}
-
-}  // namespace
-
 Axis::Axis(std::unique_ptr<Drive> drive, AxisKind kind, AxisLimits limits, Clock& clock)
-    : drive_(std::move(drive)), kind_(kind), limits_(limits), clock_(clock) {
-  const auto require = [this](bool ok, const char* what) {
-    if (!ok) throw InputError(drive_->info().text() + ": " + what);
+    : drive_(std::move(drive)),
+      clock_(clock),
+      channel_(*drive_, clock, limits.position_at_home),
+      machine_(kind, limits, channel_) {
+  require_sound(limits, drive_->info().text());
+}
+
+AxisStatus Axis::status() const {
+  AxisStatus status;
+  status.state = machine_.state();
+  status.drive = machine_.snapshot().status;
+  status.target = machine_.target();
+  if (machine_.error().reason != AxisReason::kNone) status.error = fault_of(machine_.error()).message;
+  return status;
+}
+
+Fault Axis::fault_of(const AxisError& error) const {
+  if (error.reason == AxisReason::kDriveFault) return channel_.last_fault();
+  return {fault_kind(error.reason, FaultKind::kProtocol), info().text(), describe(error, kind())};
+}
+
+Fault Axis::refusal(AxisRefusal refusal, AxisTrigger command, double target, AxisState state,
+                    const AxisError& error) const {
+  const std::string what(to_string(command));
+  const auto refused = [&](const std::string& why) {
+    return Fault{FaultKind::kRefused, info().text(), what + " refused: " + why};
   };
-  require(limits_.lower < limits_.upper, "the lower soft limit must be below the upper one");
-  require(limits_.speed > 0, "the speed must be positive");
-  require(limits_.acceleration > 0, "the acceleration must be positive");
-  require(limits_.in_position > 0, "the in-position band must be positive");
-}
-
-std::string Axis::format(double position) const {
-  char text[48];
-  const bool rotary = kind_ == AxisKind::kRotary;
-  std::snprintf(text, sizeof text, "%.2f %s", rotary ? position * 180.0 / std::numbers::pi : position,
-                rotary ? "deg" : "mm");
-  return text;
-}
-
-Result<void> Axis::refuse(const std::string& command) const {
-  std::string reason = command + " is not allowed in state " + std::string(to_string(status_.state));
-  if (status_.state == AxisState::kErrorStop) reason += " (" + status_.error + "); reset first";
-  return fault(FaultKind::kRefused, info().text(), reason);
-}
-
-tl::unexpected<Fault> Axis::enter_error(Fault fault) {
-  if (status_.state != AxisState::kErrorStop) {
-    status_.error = fault.message;
-    // The drive may be the one that does not answer: then update() halts it as soon as it does.
-    if (status_.state != AxisState::kDisabled) halt_owed_ = !drive_->halt();
-    status_.state = AxisState::kErrorStop;
-  }
-  return tl::make_unexpected(std::move(fault));
-}
-
-void Axis::abort(const std::string& reason) {
-  if (status_.state == AxisState::kErrorStop) return;
-  (void)enter_error({FaultKind::kRefused, info().text(), reason});
-}
-
-Result<void> Axis::connect() {
-  if (auto connected = drive_->connect(); !connected) return connected;
-  auto reading = drive_->read_status();
-  if (!reading) return tl::make_unexpected(reading.error());
-  status_.drive = *reading;
-  if (status_.state == AxisState::kDisabled) status_.target = reading->position;
-  return {};
-}
-
-// Takes the servo command back, so that a drive that recovers later does not power the motor by itself.
-tl::unexpected<Fault> Axis::give_up_enabling(Fault fault) {
-  (void)drive_->set_servo(false);
-  return enter_error(std::move(fault));
-}
-
-Result<void> Axis::enable() {
-  if (status_.state != AxisState::kDisabled) return refuse("enable");
-  if (auto done = drive_->set_servo(true); !done) return give_up_enabling(done.error());
-  const double deadline_s = clock_.now_s() + 2.0;
-  for (;;) {
-    auto reading = drive_->read_status();
-    if (!reading) return give_up_enabling(reading.error());
-    status_.drive = *reading;
-    if (reading->emergency_stop)
-      return give_up_enabling({FaultKind::kRefused, info().text(), "the emergency stop is active"});
-    if (reading->alarm)
-      return give_up_enabling({FaultKind::kAlarm, info().text(), alarm_text(*reading->alarm)});
-    if (reading->servo_on) break;
-    if (clock_.now_s() > deadline_s)
-      return give_up_enabling({FaultKind::kTimeout, info().text(), "the servo did not switch on within 2 s"});
-    clock_.sleep_s(0.01);
-  }
-  status_.target = status_.drive.position;
-  status_.state = AxisState::kStandstill;
-  return {};
-}
-
-Result<void> Axis::disable() {
-  if (status_.state != AxisState::kStandstill && status_.state != AxisState::kDisabled)
-    return refuse("disable");
-  if (auto done = drive_->set_servo(false); !done) return enter_error(done.error());
-  status_.state = AxisState::kDisabled;
-  return {};
-}
-
-Result<void> Axis::home() {
-  if (status_.state != AxisState::kStandstill) return refuse("home");
-  if (auto done = drive_->start_homing(); !done) return enter_error(done.error());
-  status_.state = AxisState::kHoming;
-  deadline_s_ = clock_.now_s() + limits_.homing_timeout_s;
-  return {};
-}
-
-Result<void> Axis::move_to(double target) {
-  if (status_.state != AxisState::kStandstill) return refuse("move");
-  if (!status_.drive.homed)
-    return fault(FaultKind::kRefused, info().text(), "move refused: the axis is not homed; home it first");
-  if (!(target >= limits_.lower && target <= limits_.upper))
-    return fault(FaultKind::kLimit, info().text(),
-                 "move to " + format(target) + " refused: outside the soft limits " + format(limits_.lower) +
-                     " to " + format(limits_.upper));
-  if (auto done = drive_->start_move({target, limits_.speed, limits_.acceleration}); !done)
-    return enter_error(done.error());
-  const double distance = std::abs(target - status_.drive.position);
-  deadline_s_ = clock_.now_s() + distance / limits_.speed + 2.0 * limits_.speed / limits_.acceleration +
-                limits_.move_margin_s;
-  status_.target = target;
-  status_.state = AxisState::kDiscreteMotion;
-  return {};
-}
-
-Result<void> Axis::stop() {
-  if (status_.state == AxisState::kDisabled || status_.state == AxisState::kErrorStop) return refuse("stop");
-  if (auto done = drive_->halt(); !done) return enter_error(done.error());
-  status_.state = AxisState::kStopping;
-  deadline_s_ = clock_.now_s() + 2.0 * limits_.speed / limits_.acceleration + limits_.move_margin_s;
-  return {};
-}
-
-Result<void> Axis::reset() {
-  if (status_.state != AxisState::kErrorStop) return refuse("reset");
-  if (auto done = drive_->reset_alarm(); !done) return done;
-  if (auto done = drive_->set_servo(false); !done) return done;
-  halt_owed_ = false;
-  status_.error.clear();
-  status_.state = AxisState::kDisabled;
-  return {};
-}
-
-Result<AxisStatus> Axis::update() {
-  auto reading = drive_->read_status();
-  if (!reading) return enter_error(reading.error());
-  status_.drive = *reading;
-  const bool powered = status_.state != AxisState::kDisabled && status_.state != AxisState::kErrorStop;
-  if (powered) {
-    if (reading->emergency_stop) {
-      auto entered = enter_error({FaultKind::kRefused, info().text(), "the emergency stop became active"});
-      // Releasing the button must not put the motor under power again.
-      (void)drive_->set_servo(false);
-      return entered;
-    }
-    if (reading->alarm) return enter_error({FaultKind::kAlarm, info().text(), alarm_text(*reading->alarm)});
-    if (!reading->servo_on)
-      return enter_error({FaultKind::kProtocol, info().text(), "the drive switched its servo off by itself"});
-  }
-  if (status_.state == AxisState::kErrorStop && halt_owed_) halt_owed_ = !drive_->halt();
-  const bool late = clock_.now_s() > deadline_s_;
-  switch (status_.state) {
-    case AxisState::kHoming:
-      if (reading->homed && !reading->moving) {
-        status_.target = reading->position;
-        status_.state = AxisState::kStandstill;
-      } else if (late) {
-        return enter_error({FaultKind::kTimeout, info().text(),
-                            "homing did not end within " +
-                                std::to_string(static_cast<int>(limits_.homing_timeout_s)) + " s"});
-      }
-      break;
-    case AxisState::kDiscreteMotion:
-      if (reading->in_position && !reading->moving &&
-          std::abs(reading->position - status_.target) <= limits_.in_position) {
-        status_.state = AxisState::kStandstill;
-      } else if (late) {
-        return enter_error({FaultKind::kNotSettled, info().text(),
-                            "did not reach " + format(status_.target) + " in time; it stands at " +
-                                format(reading->position)});
-      }
-      break;
-    case AxisState::kStopping:
-      if (!reading->moving) {
-        status_.target = reading->position;
-        status_.state = AxisState::kStandstill;
-      } else if (late) {
-        return enter_error(
-            {FaultKind::kNotSettled, info().text(), "did not come to a standstill after stop"});
-      }
-      break;
+  switch (refusal) {
+    case AxisRefusal::kNotHomed:
+      return refused(name() + " is not homed; run gantry-cell home --axis " + name());
+    case AxisRefusal::kSoftLimit:
+      return {FaultKind::kLimit, info().text(),
+              what + " to " + format(target) + " refused: outside the soft limits " + format(limits().lower) +
+                  " to " + format(limits().upper)};
+    case AxisRefusal::kOnLimitSwitch:
+      return {FaultKind::kLimit, info().text(),
+              what + " to " + format(target) + " refused: " + name() +
+                  " stands on a limit switch; only moves away from it are allowed"};
+    case AxisRefusal::kCannotMoveUnhomed:
+      return refused("this drive cannot move before it is homed; run gantry-cell home --axis " + name());
+    case AxisRefusal::kNotANumber:
+      return refused("target, speed and acceleration must be numbers, the last two positive");
+    case AxisRefusal::kQueueFull:
+      return refused("the drive's channel takes no more commands");
+    case AxisRefusal::kSafety:
+      return refused("the safety chain does not permit motion");
     default:
       break;
   }
-  return status_;
+  std::string why = "not allowed in state " + std::string(to_string(state));
+  if (state == AxisState::kErrorStop)
+    why += " (" + fault_of(error).message + "); once the cause is gone, run gantry-cell reset";
+  return refused(why);
+}
+
+void Axis::follow() {
+  channel_.service();
+  machine_.step(channel_.latest(), clock_.now_s());
+}
+
+Result<void> Axis::connect() {
+  auto connected = channel_.connect();
+  machine_.step(channel_.latest(), clock_.now_s());
+  return connected;
+}
+
+// Executes the command and learns of a drive that does not take it; what the drive then does is update()'s.
+Result<void> Axis::started(AxisRefusal refused, AxisTrigger command, double target) {
+  if (refused != AxisRefusal::kNone)
+    return tl::make_unexpected(refusal(refused, command, target, machine_.state(), machine_.error()));
+  const uint64_t faults_before = channel_.latest().faults;
+  channel_.service();
+  if (channel_.latest().faults == faults_before) return {};
+  machine_.step(channel_.latest(), clock_.now_s());
+  return tl::make_unexpected(channel_.last_fault());
+}
+
+Result<void> Axis::wait_while_pending() {
+  for (;;) {
+    follow();
+    if (!machine_.enabling() && !machine_.resetting()) break;
+    clock_.sleep_s(0.01);
+  }
+  channel_.service();  // What a failure left to be done.
+  if (machine_.error().reason != AxisReason::kNone) return tl::make_unexpected(fault_of(machine_.error()));
+  return {};
+}
+
+Result<void> Axis::enable() {
+  auto done = started(machine_.enable(clock_.now_s()), AxisTrigger::kEnable);
+  if (!done && machine_.state() != AxisState::kErrorStop) return done;
+  if (!done) {
+    channel_.service();
+    return done;
+  }
+  return wait_while_pending();
+}
+
+Result<void> Axis::disable() {
+  return started(machine_.disable(clock_.now_s()), AxisTrigger::kDisable);
+}
+
+Result<void> Axis::home() {
+  return started(machine_.home(clock_.now_s()), AxisTrigger::kHome);
+}
+
+Result<void> Axis::move_to(double target) {
+  return started(machine_.move({target, limits().speed, limits().acceleration}, clock_.now_s()),
+                 AxisTrigger::kMove, target);
+}
+
+Result<void> Axis::stop() {
+  return started(machine_.stop(clock_.now_s()), AxisTrigger::kStop);
+}
+
+Result<void> Axis::reset() {
+  if (auto done = started(machine_.reset(clock_.now_s()), AxisTrigger::kReset); !done) return done;
+  return wait_while_pending();
+}
+
+Result<AxisStatus> Axis::update() {
+  const AxisState before = machine_.state();
+  const uint64_t faults_before = channel_.latest().faults;
+  follow();
+  const bool failed_now = machine_.state() == AxisState::kErrorStop && before != AxisState::kErrorStop;
+  if (failed_now) channel_.service();  // The halt, or torque off, at once.
+  if (failed_now) return tl::make_unexpected(fault_of(machine_.error()));
+  if (channel_.latest().faults != faults_before) return tl::make_unexpected(channel_.last_fault());
+  return status();
+}
+
+void Axis::abort() {
+  machine_.abort({AxisReason::kOperator}, AxisMachine::Torque::kKeep, clock_.now_s());
+  channel_.service();
 }
 
 }  // namespace gantry

@@ -47,6 +47,31 @@ StageDynamics read_stage(StrictYaml yaml, JointKind kind) {
   stage.encoder_resolution = value("encoder_resolution" + unit, 0);
   stage.repeatability_sigma = value("repeatability" + unit, 0);
   stage.settling_time_s = yaml.number_or("settling_time_s", stage.settling_time_s, {0, 10});
+  const auto optional = [&](StrictYaml& map, const std::string& key, double fallback, double min) {
+    return map.has(key) ? map.number(key, {min, 1e6}) * scale : fallback;
+  };
+  if (yaml.has("limit_switches" + unit)) {
+    const Eigen::Vector2d limits = yaml.interval("limit_switches" + unit);
+    if (limits[0] * scale <= stage.travel_min || limits[1] * scale >= stage.travel_max)
+      yaml.fail("limit_switches" + unit, "must lie within the travel");
+    stage.lower_limit = limits[0] * scale;
+    stage.upper_limit = limits[1] * scale;
+  }
+  stage.following_lag_s = yaml.number_or("following_lag_ms", 0, {0, 1000}) / 1e3;
+  stage.backlash = optional(yaml, "backlash" + unit, 0, 0);
+  if (auto homing = yaml.map_if_present("homing")) {
+    const std::string method = homing->choice("method", {"stored", "switch", "switch_and_index"});
+    if (method != "stored") {
+      stage.homing = method == "switch" ? HomingMethod::kSwitch : HomingMethod::kSwitchAndIndex;
+      stage.search_direction = homing->choice("search", {"down", "up"}) == "down" ? -1 : 1;
+      stage.creep_speed = optional(*homing, "creep_speed" + unit + "_s", 0.1 * stage.homing_speed, kSlowest);
+      if (stage.homing == HomingMethod::kSwitch)
+        stage.back_off = homing->number("back_off" + unit, {1e-6, 1e6}) * scale;
+      else
+        stage.index_pitch = homing->number("index_pitch" + unit, {1e-6, 1e6}) * scale;
+    }
+    homing->finish();
+  }
   yaml.finish();
   return stage;
 }

@@ -41,7 +41,7 @@ TEST(Cell, DegreesInTheFileAreRadiansInTheProgram) {
   EXPECT_NEAR(tilt.acceleration, 160 * kDeg, 1e-12);
   EXPECT_NEAR(tilt.in_position, 0.02 * kDeg, 1e-12);
   EXPECT_NEAR(cell.chain.joints[2].repeatability, 0.002 * kDeg, 1e-12);
-  EXPECT_EQ(cell.homing_order, (std::vector<std::string>{"linear", "tilt", "rotation"}));
+  EXPECT_EQ(cell.homing_order, (HomingOrder{{"linear"}, {"tilt"}, {"rotation"}}));
   // The sensor looks down by 35 degrees, away from the base's origin side: along +y.
   const Eigen::Vector3d view = cell.chain.base_from_sensor.linear().col(2);
   EXPECT_NEAR(view.y(), std::cos(35 * kDeg), 1e-6);

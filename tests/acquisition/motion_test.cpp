@@ -99,7 +99,7 @@ class MotionTest : public testing::Test {
     const char* names[] = {"linear", "rotation", "tilt"};
     std::vector<std::unique_ptr<Axis>> axes;
     std::vector<AxisSettings> settings;
-    motion_.reset();
+    TearDown();
     for (size_t i = 0; i < 3; ++i) {
       drives_[i] = {};
       AxisSettings axis;
@@ -110,15 +110,22 @@ class MotionTest : public testing::Test {
                                             axis.kind, axis.limits, clock_));
       settings.push_back(axis);
     }
-    motion_ = std::make_unique<Motion>(std::move(axes), settings, clock_);
+    motion_ = std::make_unique<Motion>(std::move(axes), settings, MotionOptions{}, clock_);
+  }
+
+  /// Motion's end still reads the drives; what a test lets them do may ask for the motion.
+  void TearDown() override {
+    for (DriveScript& drive : drives_) drive.wander = [](double) { return 0.0; };
+    motion_.reset();
   }
 
   void home() {
     ASSERT_TRUE(motion_->connect());
     ASSERT_TRUE(motion_->enable());
-    const auto homed = motion_->home({"linear", "tilt", "rotation"});
+    const auto homed = motion_->home({{"linear"}, {"tilt"}, {"rotation"}});
     ASSERT_TRUE(homed) << homed.error().text();
     ASSERT_TRUE(motion_->homed());
+    for (DriveScript& drive : drives_) drive.halts = 0;  // Of the enabling.
   }
 
   /// Makes `act` happen once, at the first reading after the moves have run for 0.4 s.
@@ -148,7 +155,7 @@ TEST_F(MotionTest, HomesInTheOrderGivenAndOneAfterTheOther) {
   ASSERT_TRUE(motion_->connect());
   ASSERT_TRUE(motion_->enable());
   EXPECT_FALSE(motion_->homed());
-  ASSERT_TRUE(motion_->home({"tilt", "linear", "rotation"}));
+  ASSERT_TRUE(motion_->home({{"tilt"}, {"linear"}, {"rotation"}}));
   EXPECT_TRUE(motion_->homed());
   EXPECT_LT(drives_[2].begin_s + 1, drives_[0].begin_s + 1e-9);
   EXPECT_LT(drives_[0].begin_s + 1, drives_[1].begin_s + 1e-9);
@@ -167,8 +174,8 @@ TEST_F(MotionTest, MovesTogetherAndProvesStandstill) {
   EXPECT_LE(still->spread, 0.4);
   for (size_t i = 0; i < 3; ++i) EXPECT_NEAR(still->q[i], kTarget[i], 0.2 * kBand);
   EXPECT_EQ(still->q[0], kTarget[0]);
-  EXPECT_EQ(*motion_->read_positions(),
-            (std::vector<double>{100, drives_[1].wander(clock_.now_s()) + 50, 20}));
+  const double asked_s = clock_.now_s();
+  EXPECT_EQ(*motion_->read_positions(), (std::vector<double>{100, drives_[1].wander(asked_s) + 50, 20}));
 }
 
 TEST_F(MotionTest, AFaultOfOneAxisStopsAllOthers) {
@@ -208,11 +215,11 @@ TEST_F(MotionTest, AFaultWhileHomingStopsTheHoming) {
   ASSERT_TRUE(motion_->connect());
   ASSERT_TRUE(motion_->enable());
   amid_the_move([&] { drives_[2].alarm = 0x30; });
-  const auto homed = motion_->home({"linear", "tilt", "rotation"});
+  const auto homed = motion_->home({{"linear"}, {"tilt"}, {"rotation"}});
   ASSERT_FALSE(homed);
   EXPECT_EQ(homed.error().kind, FaultKind::kAlarm);
   EXPECT_NE(homed.error().device.find("tilt"), std::string::npos) << homed.error().text();
-  EXPECT_EQ(drives_[0].halts, 1);
+  EXPECT_EQ(drives_[0].halts, 2) << "at enable, and now";
   EXPECT_EQ(drives_[1].homings + drives_[2].homings, 0) << "the rest of the order is not begun";
   EXPECT_FALSE(motion_->homed());
 }
@@ -311,11 +318,54 @@ TEST_F(MotionTest, ResetAndEnableRecover) {
 
 TEST_F(MotionTest, ItsEndStopsWhatMoves) {
   ASSERT_NO_FATAL_FAILURE(home());
-  for (size_t i = 0; i < 3; ++i) ASSERT_TRUE(motion_->axes()[i]->move_to(kTarget[i]));
-  clock_.sleep_s(0.3);
+  ASSERT_TRUE(motion_->start_jog(0, 1));
+  ASSERT_NE(drives_[0].position, drives_[0].target);
   motion_.reset();
-  for (const DriveScript& drive : drives_) EXPECT_EQ(drive.halts, 1);
+  for (const DriveScript& drive : drives_) EXPECT_GE(drive.halts, 1);
   expect_nothing_moves();
+}
+
+TEST_F(MotionTest, AxesOfOneGroupHomeAtTheSameTime) {
+  ASSERT_TRUE(motion_->connect());
+  ASSERT_TRUE(motion_->enable());
+  ASSERT_TRUE(motion_->home({{"tilt", "rotation"}, {"linear"}}));
+  EXPECT_EQ(drives_[1].begin_s, drives_[2].begin_s);
+  EXPECT_GT(drives_[0].begin_s, drives_[1].begin_s + 1);
+  const auto unknown = motion_->home({{"yaw"}});
+  ASSERT_FALSE(unknown);
+  EXPECT_NE(unknown.error().message.find("'yaw'"), std::string::npos);
+}
+
+TEST_F(MotionTest, RefusalsSayWhatToDo) {
+  ASSERT_TRUE(motion_->connect());
+  ASSERT_TRUE(motion_->enable());
+  const auto moved = motion_->move_to(kTarget);
+  ASSERT_FALSE(moved);
+  EXPECT_EQ(moved.error().message,
+            "move refused: linear is not homed; run gantry-cell home --axis linear");
+  const auto jogged = motion_->jog_by(2, 1);
+  ASSERT_FALSE(jogged);
+  EXPECT_NE(jogged.error().message.find("home --axis tilt"), std::string::npos) << jogged.error().message;
+}
+
+TEST_F(MotionTest, ThePathIsCheckedBeforeTheFirstStep) {
+  ASSERT_NO_FATAL_FAILURE(home());
+  std::vector<std::vector<double>> asked;
+  bool allow = false;
+  motion_->set_path_check([&](std::span<const double> from, std::span<const double> to) -> Result<void> {
+    asked.emplace_back(from.begin(), from.end());
+    asked.emplace_back(to.begin(), to.end());
+    if (!allow) return fault(FaultKind::kLimit, "cell", "part would meet the sensor");
+    return {};
+  });
+  const auto refused = motion_->move_to(kTarget);
+  ASSERT_FALSE(refused);
+  EXPECT_EQ(refused.error().message, "part would meet the sensor");
+  EXPECT_EQ(asked, (std::vector<std::vector<double>>{{0, 0, 0}, kTarget}));
+  for (const DriveScript& drive : drives_) EXPECT_EQ(drive.starts, 0);
+  for (const auto& status : motion_->statuses()) EXPECT_EQ(status.state, AxisState::kStandstill);
+  allow = true;
+  EXPECT_TRUE(motion_->move_to(kTarget));
 }
 
 }  // namespace

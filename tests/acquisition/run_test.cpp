@@ -71,7 +71,7 @@ class Session {
       axes.push_back(
           std::make_unique<Axis>(make_simulated_drive(axis.name, *world, i), axis.kind, axis.limits, clock));
     }
-    motion = std::make_unique<Motion>(std::move(axes), cell().axes, clock);
+    motion = std::make_unique<Motion>(std::move(axes), cell().axes, MotionOptions{}, clock);
     scanner = std::make_unique<ScriptedScanner>(*world);
     EXPECT_TRUE(motion->connect() && motion->enable() && motion->home(cell().homing_order) &&
                 scanner->connect());

@@ -322,7 +322,7 @@ inline void disabled_means_no_power_and_a_readable_status(AxisRig& rig) {
 inline void abort_stops_the_device(AxisRig& rig) {
   be_in_mid_move(rig);
   if (testing::Test::HasFatalFailure()) return;
-  rig.axis().abort("another axis failed");
+  rig.axis().abort();
   EXPECT_EQ(rig.axis().status().state, kErrorStop);
   wait_for_rest(rig);
   const double rest = rig.axis().status().drive.position;

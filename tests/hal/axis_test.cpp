@@ -8,55 +8,10 @@
 #include <set>
 #include <vector>
 
+#include "hal/fake_drive.h"
+
 namespace gantry {
 namespace {
-
-const AxisLimits kLimits{.lower = -10,
-                         .upper = 100,
-                         .speed = 10,
-                         .acceleration = 100,
-                         .in_position = 0.02,
-                         .homing_timeout_s = 20,
-                         .move_margin_s = 2};
-
-/// A drive that does as the test says: it records what was asked and reports `status`.
-class FakeDrive final : public Drive {
- public:
-  const DriveInfo& info() const override { return info_; }
-  Result<void> connect() override { return record("connect"); }
-  Result<DriveStatus> read_status() override {
-    if (read_fault) return tl::make_unexpected(*read_fault);
-    return status;
-  }
-  Result<void> set_servo(bool on) override {
-    if (obeys_servo) status.servo_on = on;
-    return record(on ? "servo on" : "servo off");
-  }
-  Result<void> start_homing() override { return record("home"); }
-  Result<void> start_move(const MoveCommand& command) override {
-    last_move = command;
-    return record("move");
-  }
-  Result<void> halt() override { return record("halt"); }
-  Result<void> reset_alarm() override { return record("reset alarm"); }
-
-  DriveStatus status;
-  std::optional<Fault> read_fault;
-  std::map<std::string, Fault> faults;  ///< Calls that fail, and how.
-  bool obeys_servo = true;
-  std::vector<std::string> calls;
-  MoveCommand last_move;
-
- private:
-  Result<void> record(const std::string& call) {
-    calls.push_back(call);
-    if (const auto found = faults.find(call); found != faults.end())
-      return tl::make_unexpected(found->second);
-    return {};
-  }
-
-  DriveInfo info_{"tilt", "fake", ""};
-};
 
 class AxisTest : public testing::Test {
  protected:
@@ -88,7 +43,7 @@ class AxisTest : public testing::Test {
         ASSERT_TRUE(axis.stop());
         break;
       case AxisState::kErrorStop:
-        axis.abort("another axis failed");
+        axis.abort();
         break;
       default:
         break;
@@ -97,13 +52,17 @@ class AxisTest : public testing::Test {
     drive.calls.clear();
   }
 
+  std::vector<std::string> last_two() const { return {drive.calls.end() - 2, drive.calls.end()}; }
+
   VirtualClock clock;
   FakeDrive& drive;
   Axis axis;
 
  private:
   explicit AxisTest(std::unique_ptr<FakeDrive> fake)
-      : drive(*fake), axis(std::move(fake), AxisKind::kLinear, kLimits, clock) {}
+      : drive(*fake), axis(std::move(fake), AxisKind::kLinear, kFakeLimits, clock) {
+    drive.clock = &clock;
+  }
 };
 
 // ---- Every command in every state -------------------------------------------------------------
@@ -194,21 +153,21 @@ TEST_F(AxisTest, AMoveCarriesTheLimitsOfTheAxis) {
   enable_homed();
   ASSERT_TRUE(axis.move_to(42));
   EXPECT_EQ(drive.last_move.target, 42);
-  EXPECT_EQ(drive.last_move.speed, kLimits.speed);
-  EXPECT_EQ(drive.last_move.acceleration, kLimits.acceleration);
+  EXPECT_EQ(drive.last_move.speed, kFakeLimits.speed);
+  EXPECT_EQ(drive.last_move.acceleration, kFakeLimits.acceleration);
 }
 
 TEST_F(AxisTest, TheTargetIsTheActualPositionAfterEveryEnable) {
   enable_homed();
   ASSERT_TRUE(axis.move_to(80));
   drive.status.position = 33;
-  axis.abort("test");
+  axis.abort();
   ASSERT_TRUE(axis.reset());
   drive.status.position = 31.5;  // Moved by hand meanwhile.
   drive.calls.clear();
   ASSERT_TRUE(axis.enable());
   EXPECT_EQ(axis.status().target, 31.5);
-  EXPECT_EQ(drive.calls, std::vector<std::string>{"servo on"});
+  EXPECT_EQ(drive.calls, (std::vector<std::string>{"halt", "servo on"})) << "what is left of a travel goes first";
 }
 
 TEST_F(AxisTest, ArrivalNeedsTheDriveTheEncoderAndStandstill) {
@@ -311,7 +270,7 @@ TEST_P(AxisPoweredErrors, TheEmergencyStopIsLatchedAndReleasingItPowersNothing) 
   drive.status.emergency_stop = true;
   ASSERT_FALSE(axis.update());
   EXPECT_EQ(axis.status().state, kErrorStop);
-  EXPECT_EQ(drive.calls.back(), "servo off");
+  EXPECT_EQ(drive.calls, (std::vector<std::string>{"servo off", "halt"}));
   drive.status.emergency_stop = false;
   ASSERT_TRUE(axis.update());
   EXPECT_EQ(axis.status().state, kErrorStop) << "needs a reset";
@@ -324,16 +283,21 @@ TEST_P(AxisPoweredErrors, AServoThatDropsOutIsNoticed) {
   EXPECT_EQ(axis.status().state, kErrorStop);
 }
 
-TEST_P(AxisErrors, AbortHaltsAPoweredAxisAndNamesTheReason) {
+TEST_P(AxisErrors, AbortHaltsAPoweredAxisOnceAndLeavesADisabledOneAlone) {
   bring_to(GetParam());
-  axis.abort("axis linear failed");
-  axis.abort("a later reason");
+  axis.abort();
+  axis.abort();
+  if (GetParam() == kDisabled) {
+    EXPECT_EQ(axis.status().state, kDisabled);
+    EXPECT_TRUE(drive.calls.empty());
+    return;
+  }
   EXPECT_EQ(axis.status().state, kErrorStop);
-  EXPECT_EQ(axis.status().error, "axis linear failed");
-  EXPECT_EQ(drive.calls.size(), GetParam() == kDisabled ? 0u : 1u);
+  EXPECT_EQ(drive.calls, std::vector<std::string>{"halt"});
   const auto refused = axis.home();
   ASSERT_FALSE(refused);
-  EXPECT_NE(refused.error().message.find("axis linear failed"), std::string::npos);
+  EXPECT_NE(refused.error().message.find("stopped on request"), std::string::npos);
+  EXPECT_NE(refused.error().message.find("gantry-cell reset"), std::string::npos);
 }
 
 INSTANTIATE_TEST_SUITE_P(FromEveryState, AxisErrors,
@@ -380,23 +344,24 @@ TEST_F(AxisTest, EnableGivesUpAndLeavesTheServoCommandOff) {
   auto enabled = axis.enable();
   ASSERT_FALSE(enabled);
   EXPECT_EQ(enabled.error().kind, FaultKind::kTimeout);
-  EXPECT_EQ(drive.calls.back(), "servo off");
+  EXPECT_EQ(last_two(), (std::vector<std::string>{"servo off", "halt"}));
   EXPECT_NEAR(clock.now_s(), 2.0, 0.1);
 
   drive.obeys_servo = true;
   ASSERT_TRUE(axis.reset());
   drive.status.emergency_stop = true;
   ASSERT_FALSE(axis.enable());
-  EXPECT_EQ(drive.calls.back(), "servo off");
+  EXPECT_EQ(last_two(), (std::vector<std::string>{"servo off", "halt"}));
   EXPECT_FALSE(drive.status.servo_on);
 
-  ASSERT_TRUE(axis.reset());
+  EXPECT_FALSE(axis.reset()) << "the button is still pressed";
   drive.status.emergency_stop = false;
+  ASSERT_TRUE(axis.reset());
   drive.status.alarm = 7;
   enabled = axis.enable();
   ASSERT_FALSE(enabled);
   EXPECT_EQ(enabled.error().kind, FaultKind::kAlarm);
-  EXPECT_EQ(drive.calls.back(), "servo off");
+  EXPECT_EQ(last_two(), (std::vector<std::string>{"servo off", "halt"}));
 }
 
 TEST_F(AxisTest, ResetThatFailsStaysInErrorStop) {
@@ -449,14 +414,14 @@ TEST(AxisLimitsTest, ContradictionsAreRejectedByName) {
   const auto make = [&clock](AxisLimits limits) {
     Axis axis(std::make_unique<FakeDrive>(), AxisKind::kLinear, limits, clock);
   };
-  EXPECT_NO_THROW(make(kLimits));
+  EXPECT_NO_THROW(make(kFakeLimits));
   for (auto break_it : {+[](AxisLimits& l) { std::swap(l.lower, l.upper); },  //
                         +[](AxisLimits& l) { l.upper = l.lower; },            //
                         +[](AxisLimits& l) { l.upper = std::nan(""); },       //
                         +[](AxisLimits& l) { l.speed = 0; },                  //
                         +[](AxisLimits& l) { l.acceleration = -1; },          //
                         +[](AxisLimits& l) { l.in_position = std::nan(""); }}) {
-    AxisLimits limits = kLimits;
+    AxisLimits limits = kFakeLimits;
     break_it(limits);
     EXPECT_THROW(make(limits), InputError);
   }
@@ -464,8 +429,8 @@ TEST(AxisLimitsTest, ContradictionsAreRejectedByName) {
 
 TEST(AxisFormat, SpeaksMillimetresOrDegrees) {
   VirtualClock clock;
-  const Axis linear(std::make_unique<FakeDrive>(), AxisKind::kLinear, kLimits, clock);
-  const Axis rotary(std::make_unique<FakeDrive>(), AxisKind::kRotary, kLimits, clock);
+  const Axis linear(std::make_unique<FakeDrive>(), AxisKind::kLinear, kFakeLimits, clock);
+  const Axis rotary(std::make_unique<FakeDrive>(), AxisKind::kRotary, kFakeLimits, clock);
   EXPECT_EQ(linear.format(12.5), "12.50 mm");
   EXPECT_EQ(rotary.format(-M_PI / 6), "-30.00 deg");
 }

@@ -2,36 +2,14 @@
 
 #include <memory>
 #include <string>
-#include <string_view>
 
 #include "gantry/foundation/clock.h"
+#include "gantry/hal/axis_machine.h"
 #include "gantry/hal/drive.h"
 
 namespace gantry {
 
-/// The states of PLCopen Motion Control part 1 that a positioning axis needs.
-enum class AxisState {
-  kDisabled,    ///< No power on the motor.
-  kStandstill,  ///< Powered, holding its position.
-  kHoming,
-  kDiscreteMotion,  ///< Moving to a target.
-  kStopping,
-  kErrorStop  ///< An error was seen; only reset() leaves this state.
-};
-
-std::string_view to_string(AxisState state);
-
-/// Fixed facts of an axis. Axis units: mm (linear) or rad (rotary).
-struct AxisLimits {
-  double lower = 0;  ///< Soft limits, valid after homing.
-  double upper = 0;
-  double speed = 0;  ///< Used for every move.
-  double acceleration = 0;
-  double in_position = 0;  ///< Band around the target that counts as arrived.
-  double homing_timeout_s = 60;
-  double move_margin_s = 5;  ///< A move may take its ideal time plus this.
-};
-
+/// An axis as people and records see it.
 struct AxisStatus {
   AxisState state = AxisState::kDisabled;
   DriveStatus drive;
@@ -39,57 +17,54 @@ struct AxisStatus {
   std::string error;  ///< Why the axis is in ErrorStop.
 };
 
-/// One motion axis: PLCopen's state machine, homing before motion, soft limits and time limits, on top
-/// of any Drive. Commands start something and return; call update() often (every 10 to 50 ms) to let
-/// the state follow the drive. Any fault of the drive leads to ErrorStop.
-///
-///   Disabled -enable-> Standstill -home-> Homing -> Standstill -move_to-> DiscreteMotion -> Standstill
-///   any powered state -stop-> Stopping -> Standstill;  any -error-> ErrorStop -reset-> Disabled
+/// One drive with its channel and its state machine, and the words for them. Under a Supervisor
+/// (acquisition/supervisor.h) only channel(), machine() and the fixed facts are used; the calls below
+/// service the channel in place, for one axis alone: commissioning and the conformance tests of drives.
+/// They start something and return; call update() often (every 10 to 50 ms).
 class Axis {
  public:
   /// Throws InputError when the limits contradict each other.
   Axis(std::unique_ptr<Drive> drive, AxisKind kind, AxisLimits limits, Clock& clock);
 
   Result<void> connect();
-  /// Allowed in Disabled. The target becomes the actual position: nothing moves.
+  /// Returns when the drive has confirmed, or failed to. Nothing moves.
   Result<void> enable();
-  /// Allowed in Standstill and Disabled.
   Result<void> disable();
-  /// Allowed in Standstill.
   Result<void> home();
-  /// Allowed in Standstill when homed and the target lies within the soft limits.
   Result<void> move_to(double target);
-  /// Allowed in every powered state; from any of them the axis decelerates to Standstill.
   Result<void> stop();
-  /// Allowed in ErrorStop: clears the drive's alarm; the axis is Disabled afterwards.
+  /// Returns when the drive has confirmed: the axis is Disabled then.
   Result<void> reset();
-
   /// Reads the drive and follows it; returns the new status, or the fault that led to ErrorStop.
   Result<AxisStatus> update();
+  /// Puts a powered axis into ErrorStop and halts its drive.
+  void abort();
 
-  /// Puts the axis into ErrorStop for a reason found outside (another axis failed): halts the drive.
-  void abort(const std::string& reason);
+  AxisStatus status() const;
+  /// The error of ErrorStop as a fault, with the drive's own words where it gave any.
+  Fault fault_of(const AxisError& error) const;
+  /// Why a command was not taken: "refused: tilt is not homed; ...".
+  Fault refusal(AxisRefusal refusal, AxisTrigger command, double target, AxisState state,
+                const AxisError& error) const;
 
-  const AxisStatus& status() const { return status_; }
-  const AxisLimits& limits() const { return limits_; }
-  AxisKind kind() const { return kind_; }
+  DriveChannel& channel() { return channel_; }
+  AxisMachine& machine() { return machine_; }
+  const AxisLimits& limits() const { return machine_.limits(); }
+  AxisKind kind() const { return machine_.kind(); }
   const DriveInfo& info() const { return drive_->info(); }
   const std::string& name() const { return drive_->info().axis; }
   /// "12.50 mm" or "-30.00 deg", for a person.
-  std::string format(double position) const;
+  std::string format(double position) const { return format_position(kind(), position); }
 
  private:
-  Result<void> refuse(const std::string& command) const;
-  tl::unexpected<Fault> enter_error(Fault fault);
-  tl::unexpected<Fault> give_up_enabling(Fault fault);
+  Result<void> started(AxisRefusal refusal, AxisTrigger command, double target = 0);
+  Result<void> wait_while_pending();
+  void follow();
 
   std::unique_ptr<Drive> drive_;
-  AxisKind kind_;
-  AxisLimits limits_;
   Clock& clock_;
-  AxisStatus status_;
-  double deadline_s_ = 0;
-  bool halt_owed_ = false;  ///< The drive could not be told to halt when the error was seen.
+  DriveChannel channel_;
+  AxisMachine machine_;
 };
 
 }  // namespace gantry

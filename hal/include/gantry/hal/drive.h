@@ -56,11 +56,13 @@ class Drive {
   /// Decelerates to standstill; the motor stays under power.
   virtual Result<void> halt() = 0;
   virtual Result<void> reset_alarm() = 0;
-  /// Makes the drive stop by itself when it has heard nothing for so long; 0 ends that. kRefused where the
-  /// drive cannot.
+  /// The drive stops by itself when it hears nothing for so long; 0 switches that off. A drive that
+  /// cannot returns a Fault kRefused with the words "has no communication time-out".
   virtual Result<void> set_communication_timeout(double /*timeout_s*/) {
-    return fault(FaultKind::kRefused, info().text(), "this drive has no communication time-out");
+    return fault(FaultKind::kRefused, info().text(), "has no communication time-out");
   }
+  /// Whether start_move() works before homing, in the encoder's own coordinates; jogging then needs it.
+  virtual bool moves_unhomed() const { return false; }
 };
 
 }  // namespace gantry
