@@ -16,6 +16,7 @@
 namespace gantry {
 namespace {
 
+constexpr uint8_t kReadDiscreteInputs = 0x02;
 constexpr uint8_t kReadRegisters = 0x03;
 constexpr uint8_t kWriteCoil = 0x05;
 constexpr uint8_t kWriteRegisters = 0x10;
@@ -40,9 +41,10 @@ uint16_t u16_at(std::span<const uint8_t> bytes, size_t index) {
 
 // "read of register 9000h", for messages; a PDU starts with function code and address.
 std::string describe(const std::vector<uint8_t>& request) {
-  const char* what = request[0] == kReadRegisters ? "read of register"
-                     : request[0] == kWriteCoil   ? "write to coil"
-                                                  : "write to register";
+  const char* what = request[0] == kReadDiscreteInputs ? "read of discrete input"
+                     : request[0] == kReadRegisters    ? "read of register"
+                     : request[0] == kWriteCoil        ? "write to coil"
+                                                       : "write to register";
   char text[48];
   std::snprintf(text, sizeof text, "%s %04Xh", what, u16_at(request, 1));
   return text;
@@ -214,6 +216,20 @@ Result<ModbusBus::Bytes> ModbusBus::transact(int unit, const Bytes& request, con
                                                   "); is the drive powered and its unit in CELL.yaml right?");
   return bus_fault(FaultKind::kRefused,
                    "the drive refused the " + describe(request) + " (" + exception_name(code) + ")");
+}
+
+Result<std::vector<bool>> ModbusBus::read_discrete_inputs(int unit, uint16_t first, uint16_t count,
+                                                          double timeout_s) {
+  Bytes request{kReadDiscreteInputs};
+  append_u16(request, first);
+  append_u16(request, count);
+  const auto bytes = static_cast<uint8_t>((count + 7) / 8);
+  const auto answer = transact(unit, request, {{kReadDiscreteInputs, bytes}, 2u + bytes}, timeout_s);
+  if (!answer) return tl::make_unexpected(answer.error());
+  // The first input is the lowest bit of the first byte (Modbus Application Protocol V1.1b3, 6.2).
+  std::vector<bool> inputs;
+  for (size_t i = 0; i < count; ++i) inputs.push_back(((*answer)[2 + i / 8] >> (i % 8) & 1) != 0);
+  return inputs;
 }
 
 Result<std::vector<uint16_t>> ModbusBus::read_registers(int unit, uint16_t first, uint16_t count,

@@ -39,6 +39,8 @@ class ModbusBus {
   /// "127.0.0.1:1503".
   std::string address() const;
 
+  /// FC02.
+  Result<std::vector<bool>> read_discrete_inputs(int unit, uint16_t first, uint16_t count, double timeout_s);
   /// FC03.
   Result<std::vector<uint16_t>> read_registers(int unit, uint16_t first, uint16_t count, double timeout_s);
   /// FC10.

@@ -20,6 +20,7 @@
 
 #include "gantry/foundation/error.h"
 #include "iai_robo_cylinder.h"
+#include "io_module.h"
 #include "modbus_gateway.h"
 #include "oriental_motor_az.h"
 
@@ -92,12 +93,11 @@ class ModbusDriveServer::Impl {
   }
 
   void add(const TwinDriveConfig& config, SimulatedStage& stage) {
-    if (config.unit < 1 || config.unit > 247)
-      throw InputError("Modbus unit " + std::to_string(config.unit) + " is not within 1 to 247");
-    std::lock_guard lock(mutex_);
-    if (drives_.contains(config.unit))
-      throw InputError("Modbus unit " + std::to_string(config.unit) + " is used twice at " + name());
-    drives_.emplace(config.unit, make_drive(config, stage, clock_.now_s()));
+    add_unit(config.unit, [&] { return make_drive(config, stage, clock_.now_s()); });
+  }
+
+  void add_io_module(int unit, const SafetyContacts& contacts) {
+    add_unit(unit, [&] { return std::make_unique<IoModule>(contacts); });
   }
 
   void start() {
@@ -137,6 +137,16 @@ class ModbusDriveServer::Impl {
 
  private:
   std::string name() const { return address_ + ":" + std::to_string(port_); }
+
+  template <typename Make>
+  void add_unit(int unit, Make make) {
+    if (unit < 1 || unit > 247)
+      throw InputError("Modbus unit " + std::to_string(unit) + " is not within 1 to 247");
+    std::lock_guard lock(mutex_);
+    if (drives_.contains(unit))
+      throw InputError("Modbus unit " + std::to_string(unit) + " is used twice at " + name());
+    drives_.emplace(unit, make());
+  }
 
   void serve() {
     for (;;) {
@@ -207,6 +217,9 @@ ModbusDriveServer::~ModbusDriveServer() = default;
 
 void ModbusDriveServer::add(const TwinDriveConfig& config, SimulatedStage& stage) {
   impl_->add(config, stage);
+}
+void ModbusDriveServer::add_io_module(int unit, const SafetyContacts& contacts) {
+  impl_->add_io_module(unit, contacts);
 }
 void ModbusDriveServer::start() {
   impl_->start();

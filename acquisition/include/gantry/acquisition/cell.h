@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "gantry/acquisition/safety_settings.h"
 #include "gantry/foundation/clock.h"
 #include "gantry/hal/axis.h"
 #include "gantry/hal/scanner.h"
@@ -46,6 +47,7 @@ struct Cell {
   ScannerSettings scanner;
   std::filesystem::path fixture;          ///< Mesh of the holder in the part frame; empty: none known.
   std::vector<std::string> homing_order;  ///< Names of axes.
+  std::optional<CellSafety> safety;       ///< Absent: no safety inputs are read; the hardware chain is alone.
 };
 
 /// Throws InputError with file, line and key for anything that is missing, unknown or contradictory.

@@ -4,6 +4,7 @@
 #include <string>
 
 #include "gantry/foundation/clock.h"
+#include "gantry/sim/safety_contacts.h"
 #include "gantry/sim/stage.h"
 
 namespace gantry {
@@ -40,6 +41,9 @@ class ModbusDriveServer {
   /// Powers up a drive on `stage`, which must outlive the server. Throws InputError for an unknown profile, a
   /// unit that is taken or out of range, or a count that is not positive.
   void add(const TwinDriveConfig& config, SimulatedStage& stage);
+  /// Puts an I/O module with 16 discrete inputs (function 02) on the bus, wired to `contacts`, which must
+  /// outlive the server. Throws InputError for a unit that is taken or out of range.
+  void add_io_module(int unit, const SafetyContacts& contacts);
 
   /// Binds and serves. Throws InputError naming address and port when the port cannot be had.
   void start();
