@@ -99,6 +99,8 @@ Cell read_cell(const std::filesystem::path& path) {
     homing.fail("order", "every axis must be homed: " + std::to_string(cell.axes.size()) + " axes, " +
                              std::to_string(cell.homing_order.size()) + " in this list");
   homing.finish();
+  if (auto collision = yaml.map_if_present("collision"))
+    cell.collision = read_collision(std::move(*collision), cell.chain);
   if (auto safety = yaml.map_if_present("safety")) cell.safety = read_safety(*safety);
   yaml.leave_to_others("simulation");
   yaml.finish();

@@ -197,7 +197,7 @@ std::string describe(const SafetyVerdict& verdict, const SafetySettings& setting
     case SafetyCause::kStopping:
       return "stopping because " + latched_by() + "; reset when the stop has ended";
     case SafetyCause::kResetNeeded:
-      return "waiting for a reset because " + latched_by() + "; run gantry-cell reset";
+      return "waiting for a reset because " + latched_by();
   }
   return {};
 }

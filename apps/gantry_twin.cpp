@@ -1,4 +1,5 @@
-// The simulated cell on the wire: Modbus TCP drives and a GigE Vision 3D camera on loopback.
+// The simulated cell on the wire: Modbus TCP drives, an I/O module for the safety inputs and a GigE Vision 3D
+// camera on loopback.
 
 #include <spdlog/spdlog.h>
 
@@ -8,15 +9,17 @@
 
 #include "app.h"
 #include "cell_devices.h"
+#include "cell_safety.h"
 #include "gantry/sim/twin/gige_vision_camera.h"
 #include "gantry/sim/twin/modbus_drives.h"
+#include "twin_console.h"
 
 namespace {
 
 using namespace gantry;
 
 std::vector<std::unique_ptr<ModbusDriveServer>> serve_drives(const Cell& cell, SimulatedWorld& world,
-                                                             Clock& clock) {
+                                                             const SafetyContacts* contacts, Clock& clock) {
   std::map<std::pair<std::string, int>, std::unique_ptr<ModbusDriveServer>> servers;
   for (size_t i = 0; i < cell.axes.size(); ++i) {
     const DriveSettings& drive = cell.axes[i].drive;
@@ -32,10 +35,16 @@ std::vector<std::unique_ptr<ModbusDriveServer>> serve_drives(const Cell& cell, S
       config.axis_units_per_count = 2 * std::numbers::pi / drive.steps_per_revolution;
     server->add(config, world.stage(i));
   }
+  if (contacts) {
+    const SafetyModuleSettings& module = cell.safety->module;
+    auto& server = servers[{module.host, module.port}];
+    if (!server) server = std::make_unique<ModbusDriveServer>(module.host, module.port, clock);
+    server->add_io_module(module.unit, *contacts);
+  }
   std::vector<std::unique_ptr<ModbusDriveServer>> started;
   for (auto& [endpoint, server] : servers) {
     server->start();
-    spdlog::info("Modbus TCP drives at {}:{}", endpoint.first, server->port());
+    spdlog::info("Modbus TCP units at {}:{}", endpoint.first, server->port());
     started.push_back(std::move(server));
   }
   return started;
@@ -68,6 +77,9 @@ int main(int argc, char** argv) {
   CLI::App app{
       "The digital twin: a simulated inspection cell that speaks the real protocols on loopback.\n"
       "Prints one line 'ready' when every server listens; stops at Ctrl-C.\n"
+      "Lines on stdin act on the safety inputs: " +
+          std::string(TwinConsole::kHelp) +
+          ".\n"
       "Example: gantry-twin --cell examples/cells/twin.yaml --part examples/parts/bracket_defective.stl "
       "--seed 1",
       "gantry-twin"};
@@ -88,11 +100,18 @@ int main(int argc, char** argv) {
                        cell.scanner.kind + "'");
     SteadyClock clock;
     const std::unique_ptr<SimulatedWorld> world = make_world(cell, part, seed, clock);
-    const auto drives = serve_drives(cell, *world, clock);
+    // Simulated contacts live in the process of gantry-cell, not here.
+    const bool wired = cell.safety && cell.safety->module.kind == "modbus";
+    const auto contacts = make_safety_contacts(wired ? *cell.safety : CellSafety{}, clock);
+    TwinConsole console(*contacts);
+    const auto drives = serve_drives(cell, *world, wired ? contacts.get() : nullptr, clock);
     const auto camera = serve_camera(cell, *world);
     std::printf("ready\n");
     std::fflush(stdout);
-    while (!stop_requested()) clock.sleep_s(0.05);
+    while (!stop_requested()) {
+      console.poll();
+      clock.sleep_s(0.05);
+    }
     return ExitCode::kPass;
   });
 }

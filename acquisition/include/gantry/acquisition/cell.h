@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "gantry/acquisition/collision_settings.h"
 #include "gantry/acquisition/safety_settings.h"
 #include "gantry/foundation/clock.h"
 #include "gantry/hal/axis.h"
@@ -45,9 +46,10 @@ struct Cell {
   Chain chain;
   std::vector<AxisSettings> axes;  ///< In the order of the chain.
   ScannerSettings scanner;
-  std::filesystem::path fixture;          ///< Mesh of the holder in the part frame; empty: none known.
-  std::vector<std::string> homing_order;  ///< Names of axes.
-  std::optional<CellSafety> safety;       ///< Absent: no safety inputs are read; the hardware chain is alone.
+  std::filesystem::path fixture;           ///< Mesh of the holder in the part frame; empty: none known.
+  std::vector<std::string> homing_order;   ///< Names of axes.
+  std::optional<CellCollision> collision;  ///< Absent: paths are not checked for collisions.
+  std::optional<CellSafety> safety;  ///< Absent: no safety inputs are read; the hardware chain is alone.
 };
 
 /// Throws InputError with file, line and key for anything that is missing, unknown or contradictory.
