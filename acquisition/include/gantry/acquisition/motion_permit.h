@@ -4,21 +4,18 @@
 
 namespace gantry {
 
-/// What must happen to the motors, named as IEC 60204-1 (9.2.2 in the edition of 2016) names stops.
-enum class StopCategory {
-  kNone,       ///< No stop is required: motion is allowed.
-  kCategory0,  ///< Torque off at once; the axes coast or are braked mechanically.
-  kCategory1   ///< Ramp down under control, then torque off at standstill.
-};
+/// Stop categories of IEC 60204-1 (section 9.2.2): 0 is power off at once, 1 is a controlled stop and
+/// then power off.
+enum class StopCategory { kNone, kCategory0, kCategory1 };
 
-/// Asked in every cycle of the motion supervisor: whether anything outside of motion (the safety chain)
-/// requires a stop. Must not block, and must not allocate memory in required_stop().
+/// Whether the cell may move. The supervisor asks in every cycle.
 class MotionPermit {
  public:
   virtual ~MotionPermit() = default;
-  /// `reset_requested` is the level of the operator's reset; what counts is its rising edge.
+  /// Neither blocks nor allocates. `reset_requested` is true in the one cycle in which a person asks for a
+  /// reset.
   virtual StopCategory required_stop(double now_s, bool reset_requested) = 0;
-  /// Why a stop is required, for a person; from any thread, outside the cycle.
+  /// In words, for the last answer. Any thread; may allocate.
   virtual std::string why() const = 0;
 };
 
