@@ -63,7 +63,8 @@ TEST(SafetyAllocations, TheChainAllocatesNothingWhateverItIsGiven) {
       snapshot.valid = k % 97 != 0;
       snapshot.count = k % 101 == 0 ? 4 : 5;
       snapshot.sampled_at_s = 0.01 * k;
-      for (size_t c = 0; c < 5; ++c) snapshot.closed[c] = (k / 80 + static_cast<int>(c)) % 9 != 0;
+      for (size_t c = 0; c < 5; ++c) snapshot.closed[c] = (static_cast<size_t>(k) / 80 + c / 2) % 5 != 0;
+      if (k > 2500) snapshot.closed[1] = true;  // in the end a channel is stuck
       moving += chain.update(snapshot, k % 3 == 0, 0.01 * k).motion_allowed;
     }
   });
