@@ -8,18 +8,14 @@
 namespace gantry {
 namespace {
 
-/// "'part' would come within 3.2 mm of 'frame' (clearance 10 mm) at linear 290.00 mm, rotation 12.00 deg".
+/// "'part' would come within 3.2 mm of 'frame', where 10.0 mm are needed, at linear 290.00 mm, ...".
 std::string text(const Collision& collision, const Cell& cell) {
   char number[80];
-  std::string result = "'" + collision.first + "' would ";
+  std::string result = "'" + collision.first + "' would hit '" + collision.second + "'";
   if (collision.clearance_mm > 0) {
-    std::snprintf(number, sizeof number, "come within %.1f mm of '", collision.clearance_mm);
-    result += number + collision.second + "'";
-  } else {
-    result += "hit '" + collision.second + "'";
-  }
-  if (cell.collision) {
-    std::snprintf(number, sizeof number, " (clearance %g mm)", cell.collision->options.clearance_mm);
+    std::snprintf(number, sizeof number, "%.1f mm of '", collision.clearance_mm);
+    result = "'" + collision.first + "' would come within " + number + collision.second + "'";
+    std::snprintf(number, sizeof number, ", where %.1f mm are needed,", collision.demanded_mm);
     result += number;
   }
   for (size_t i = 0; i < cell.axes.size(); ++i) {

@@ -76,7 +76,8 @@ class CollisionModel::Impl {
     for (const Pair& pair : pairs_) {
       const Pose pose = moved(pair, q, q, 0);
       const double distance = solid_distance(pair, pose);
-      if (!nearest || distance < nearest->clearance_mm) nearest = collision(pair, q, q, 0, distance);
+      if (!nearest || distance < nearest->clearance_mm)
+        nearest = collision(pair, q, q, 0, distance, options_.clearance_mm);
     }
     return nearest;
   }
@@ -147,8 +148,8 @@ class CollisionModel::Impl {
   }
 
   Collision collision(const Pair& pair, std::span<const double> q_from, std::span<const double> q_to,
-                      double at, double clearance_mm) const {
-    Collision result{bodies_[pair.high].name, bodies_[pair.low].name, at, {}, clearance_mm};
+                      double at, double clearance_mm, double demanded_mm) const {
+    Collision result{bodies_[pair.high].name, bodies_[pair.low].name, at, {}, clearance_mm, demanded_mm};
     for (size_t j = 0; j < q_from.size(); ++j) result.q.push_back(q_from[j] + at * (q_to[j] - q_from[j]));
     return result;
   }
@@ -202,11 +203,12 @@ std::optional<Collision> CollisionModel::Impl::advance(const Pair& pair, std::sp
     if (free_until(apart_mm) >= until) return std::nullopt;
 
     const double distance = first ? solid_distance(pair, pose) : surface_distance(low, high, pose);
-    const double demanded_mm = options_.clearance_mm + bound(at, at).deviation_mm + options_.tolerance_mm;
-    if (distance <= demanded_mm) return collision(pair, q_from, q_to, at, distance);
+    const double demanded_mm = options_.clearance_mm + bound(at, at).deviation_mm;
+    if (distance <= demanded_mm + options_.tolerance_mm)
+      return collision(pair, q_from, q_to, at, distance, demanded_mm);
     const double next = free_until(distance);
     if (next >= until) return std::nullopt;
-    if (!(next > at)) return collision(pair, q_from, q_to, at, distance);  // not proved free
+    if (!(next > at)) return collision(pair, q_from, q_to, at, distance, demanded_mm);  // not proved free
     at = next;
   }
 }

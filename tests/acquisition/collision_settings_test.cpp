@@ -148,8 +148,8 @@ INSTANTIATE_TEST_SUITE_P(
         Mistake{"HalfAChannel", "channels: [0, 1]", "channels: [0, 1.5]", 0, "safety.inputs[0].channels"},
         Mistake{"DiscrepancyOfOneChannel", "channels: [0, 1]", "channels: [0]", 0,
                 "safety.inputs[0].discrepancy_ms"},
-        Mistake{"ChannelTwice", "channels: [2, 3]", "channels: [2, 1]", -1, "channel 1 is used twice"},
-        Mistake{"NameTwice", "name: door", "name: emergency stop", -1,
+        Mistake{"ChannelTwice", "channels: [2, 3]", "channels: [2, 1]", -2, "channel 1 is used twice"},
+        Mistake{"NameTwice", "name: door", "name: emergency stop", -2,
                 "'emergency stop': names must differ"}),
     mistake_name);
 

@@ -44,7 +44,7 @@ TEST(PlanCheck, AViewpointBehindAnObstacleIsRefusedByNameWithThePairAndThePlace)
   expect_input_error(
       [&] { require_collision_free(shipped.cell, shipped.plan, &shipped.part, &shipped.fixture); },
       {"bracket.yaml", "viewpoint 'too far' is refused", "on the way from 'below-front-left'", "'turntable'",
-       "'rear brace'", "come within", "clearance 10 mm", "linear ", " mm, rotation ", " deg, tilt ",
+       "'rear brace'", "come within", "mm are needed, at linear ", " mm, rotation ", " deg, tilt ",
        "nothing has moved"});
 }
 
