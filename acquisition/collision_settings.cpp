@@ -50,7 +50,11 @@ CollisionBodySettings read_body(StrictYaml yaml, const Chain& chain) {
   CollisionBodySettings body;
   body.name = yaml.text("name");
   std::vector<std::string> carriers{"frame", "sensor", "part"};
-  for (const Joint& joint : chain.joints) carriers.push_back(joint.name);
+  for (const Joint& joint : chain.joints) {
+    if (std::count(carriers.begin(), carriers.end(), joint.name))
+      yaml.fail("rides_on", "an axis is called '" + joint.name + "' too; give the axis another name");
+    carriers.push_back(joint.name);
+  }
   const std::string carrier = yaml.choice("rides_on", carriers);
   if (carrier == "sensor") {
     body.carrier = Carrier::kSensor;

@@ -8,15 +8,15 @@
 namespace gantry {
 namespace {
 
-/// "'part' would come within 3.2 mm of 'frame', where 10.0 mm are needed, at linear 290.00 mm, ...".
+/// "'part' would come within 3.20 mm of 'frame', where 10.05 mm are needed, at linear 290.00 mm, ...".
 std::string text(const Collision& collision, const Cell& cell) {
   char number[80];
   std::string result = "'" + collision.first + "' would hit '" + collision.second + "'";
   if (collision.clearance_mm > 0) {
-    std::snprintf(number, sizeof number, "%.1f mm of '", collision.clearance_mm);
+    std::snprintf(number, sizeof number, "%.2f mm of '", collision.clearance_mm);
     result = "'" + collision.first + "' would come within " + number + collision.second + "'";
-    std::snprintf(number, sizeof number, ", where %.1f mm are needed,", collision.demanded_mm);
-    result += number;
+    std::snprintf(number, sizeof number, ", where %.2f mm are needed,", collision.demanded_mm);
+    result += collision.clearance_mm > collision.demanded_mm ? " for too long to be proved free," : number;
   }
   for (size_t i = 0; i < cell.axes.size(); ++i) {
     const bool linear = cell.axes[i].kind == AxisKind::kLinear;

@@ -166,6 +166,7 @@ class CollisionModel::Impl {
 std::optional<Collision> CollisionModel::Impl::advance(const Pair& pair, std::span<const double> q_from,
                                                        std::span<const double> q_to, double until) const {
   constexpr int kRefinements = 3, kMostTries = 20;
+  constexpr int kMostSteps = 50'000;  // a path that takes more of them grazes the limit for metres
   const Solid &low = bodies_[pair.low].solid, &high = bodies_[pair.high].solid;
   const auto joints = between(pair, std::span<const Joint>(joints_));
   const auto from = between(pair, q_from), to = between(pair, q_to);
@@ -175,7 +176,7 @@ std::optional<Collision> CollisionModel::Impl::advance(const Pair& pair, std::sp
   };
 
   double at = 0;
-  for (bool first = true;; first = false) {
+  for (int step = 0;; ++step) {
     const Pose pose = moved(pair, q_from, q_to, at);
     // How far it is free from here on, as a function of a distance that is known to be there: over the whole
     // rest first; where that does not suffice, over shorter stretches, whose bounds are tighter.
@@ -186,10 +187,10 @@ std::optional<Collision> CollisionModel::Impl::advance(const Pair& pair, std::sp
       for (int refinements = 0, k = 0; refinements < kRefinements && k < kMostTries; ++k) {
         const double spare_mm = distance - options_.clearance_mm - present.deviation_mm;
         if (spare_mm > 0) {
-          const double step = present.speed_mm > 0 ? spare_mm / present.speed_mm : 2;
-          reached = std::max(reached, std::min(end, at + step));
+          const double stretch = present.speed_mm > 0 ? spare_mm / present.speed_mm : 2;
+          reached = std::max(reached, std::min(end, at + stretch));
           if (reached >= end) break;
-          end = std::min(until, at + 2 * step);
+          end = std::min(until, at + 2 * stretch);
           ++refinements;
         } else {
           end = at + (end - at) / 8;
@@ -202,13 +203,13 @@ std::optional<Collision> CollisionModel::Impl::advance(const Pair& pair, std::sp
     const double apart_mm = (low.centre() - pose * high.centre()).norm() - low.radius() - high.radius();
     if (free_until(apart_mm) >= until) return std::nullopt;
 
-    const double distance = first ? solid_distance(pair, pose) : surface_distance(low, high, pose);
-    const double demanded_mm = options_.clearance_mm + bound(at, at).deviation_mm;
-    if (distance <= demanded_mm + options_.tolerance_mm)
-      return collision(pair, q_from, q_to, at, distance, demanded_mm);
+    const double distance = step == 0 ? solid_distance(pair, pose) : surface_distance(low, high, pose);
+    const double demanded_mm = options_.clearance_mm + bound(at, at).deviation_mm + options_.tolerance_mm;
+    if (distance <= demanded_mm) return collision(pair, q_from, q_to, at, distance, demanded_mm);
     const double next = free_until(distance);
     if (next >= until) return std::nullopt;
-    if (!(next > at)) return collision(pair, q_from, q_to, at, distance, demanded_mm);  // not proved free
+    if (!(next > at) || step == kMostSteps)
+      return collision(pair, q_from, q_to, at, distance, demanded_mm);  // free, but not proved to stay so
     at = next;
   }
 }

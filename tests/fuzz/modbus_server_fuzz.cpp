@@ -8,6 +8,7 @@
 #include "fuzz.h"
 #include "gantry/foundation/clock.h"
 #include "twin/modbus/iai_robo_cylinder.h"
+#include "twin/modbus/io_module.h"
 #include "twin/modbus/modbus_gateway.h"
 #include "twin/modbus/oriental_motor_az.h"
 
@@ -27,6 +28,7 @@ std::vector<std::string> seeds() {
       frame("\1\x10\x99\0\0\x09\x12\0\0\x27\x10\0\0\0\x0a\0\0\x27\x10\0\x1e\0\0\0\0"s),  // IAI: move
       frame("\2\3\0\x7e\0\2"s) + frame("\2\6\0\x7d\0\x10"s),                             // AZ: status, input
       frame("\2\x10\0\x58\0\x10\x20"s + std::string(31, '\0') + "\1"s),                  // AZ: direct data
+      frame("\4\2\0\0\0\x10"s) + frame("\4\2\0\x0f\0\1"s),  // I/O module: all inputs, the last one
       frame("\3\3\0\0\0\1"s) + frame("\1\x2b\x0e\1\0"s),
   };
 }
@@ -40,6 +42,9 @@ int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
   TwinDrives drives;
   double now_s = 1;
   drives.emplace(1, std::make_unique<IaiRoboCylinder>(linear));
+  VirtualClock clock;
+  const SafetyContacts contacts({{"emergency stop", {0, 1}}, {"door", {15}}}, clock);
+  drives.emplace(4, std::make_unique<IoModule>(contacts));
   drives.emplace(2, std::make_unique<OrientalMotorAz>(rotary, std::numbers::pi / 18000, now_s));
 
   int sockets[2];

@@ -68,6 +68,7 @@ TEST(Collision, BoxOnALinearAxisStopsTheClearanceShortOfAWall) {
   EXPECT_NEAR(found->at, 0.4, 2 * kTolerance_mm / 200);
   EXPECT_NEAR(found->clearance_mm, 5, 2 * kTolerance_mm);
   EXPECT_GE(found->clearance_mm, 5) << "found from the safe side";
+  EXPECT_NEAR(found->demanded_mm, 5 + kTolerance_mm, 1e-9);
   // And from the other side of the wall.
   const auto back = model.first_on_path(far, kZero);
   ASSERT_TRUE(back);
@@ -209,6 +210,23 @@ TEST(Collision, AxesOutOfStepAreAllowedForByTheirReach) {
   EXPECT_TRUE(found_with(0, 8.1));
   EXPECT_FALSE(found_with(0.02, 3.9));
   EXPECT_TRUE(found_with(0.02, 4.1));
+}
+
+TEST(Collision, APathThatGrazesTheLimitForMetresComesToAnEnd) {
+  // Both faces stay apart by a thousandth of a millimetre more than is demanded: nothing is hit, but to prove
+  // it over 100 m would take ten million steps. The answer is a refusal that says so, soon.
+  const double gap_mm = 5 + kTolerance_mm + 0.001;
+  const CollisionModel model(
+      linear_axis(),
+      {{"rail", Carrier::kFrame, 0, at(box_mesh({400'000, 10, 10}), {0, -5 - gap_mm, 0})},
+       {"slide", Carrier::kCarriage, 0, at(box_mesh({10, 10, 10}), {0, 5, 0})}},
+      options(5));
+  const std::vector<double> near_by{100.0}, far{100'000.0};
+  EXPECT_FALSE(model.first_on_path(kZero, near_by));
+  const auto found = model.first_on_path(kZero, far);
+  ASSERT_TRUE(found);
+  EXPECT_GT(found->clearance_mm, found->demanded_mm);
+  EXPECT_GT(found->q[0], 100);
 }
 
 TEST(Collision, WrongModelsAreRefusedByName) {

@@ -46,7 +46,9 @@ struct Collision {
   double at = 0;              ///< Along the path, 0 to 1.
   std::vector<double> q;      ///< Joints there, mm or rad.
   double clearance_mm = 0;    ///< Distance of the two there; 0 when they touch.
-  double demanded_mm = 0;     ///< What it would have to be: the clearance, and room for axes out of step.
+  /// What it must exceed: the clearance, room for axes out of step, and the tolerance. In the rare case that
+  /// `clearance_mm` does exceed it, the pair grazes the limit for so long that the search has given up.
+  double demanded_mm = 0;
 };
 
 /// The bodies of a cell and whether they meet when the joints move together in a straight line in joint
