@@ -155,6 +155,9 @@ Cell read_cell(const std::filesystem::path& path) {
 
   read_homing(yaml.map("homing"), cell);
   if (yaml.has("supervisor")) read_supervisor(yaml.map("supervisor"), cell);
+  if (auto collision = yaml.map_if_present("collision"))
+    cell.collision = read_collision(std::move(*collision), cell.chain);
+  if (auto safety = yaml.map_if_present("safety")) cell.safety = read_safety(*safety);
   yaml.leave_to_others("simulation");
   yaml.finish();
   return cell;

@@ -11,6 +11,7 @@
 
 #include "app.h"
 #include "cell_devices.h"
+#include "gantry/acquisition/plan_check.h"
 #include "gantry/acquisition/run.h"
 #include "gantry/acquisition/scan_queue.h"
 #include "gantry/foundation/file_hash.h"
@@ -133,11 +134,15 @@ ExitCode run(const RunCommand& command) {
     require_size_for_tolerance(reference->sized, plan.tolerance_mm);
   }
   if (!cell.fixture.empty()) fixture = read_reference(cell.fixture, "mm", "", false).mesh;
+  require_collision_free(cell, plan, reference ? &reference->mesh : nullptr, fixture ? &*fixture : nullptr);
 
   SteadyClock clock;
   CellDevices devices = make_devices(cell, command.part, command.seed, clock);
   std::optional<CellSession> session = take_control(cell, devices, "gantry-cell run");
   RunFolder folder(command.out, run_facts(command, cell), command.resume);
+  if (command.resume)  // from home straight to the first viewpoint that is missing
+    require_collision_free(cell, plan, reference ? &reference->mesh : nullptr, fixture ? &*fixture : nullptr,
+                           viewpoints_done(folder.journal()));
   Progress progress(stdout_is_terminal() && !command.json);
 
   FusionOptions fusion_options;

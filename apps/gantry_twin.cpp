@@ -1,4 +1,5 @@
-// The simulated cell on the wire: Modbus drives (TCP on loopback, RTU on pseudo-terminals) and a GigE Vision 3D camera on loopback.
+// The simulated cell on the wire: Modbus drives (TCP on loopback, RTU on pseudo-terminals), an I/O module for
+// the safety inputs and a GigE Vision 3D camera on loopback.
 
 #include <spdlog/spdlog.h>
 
@@ -6,7 +7,9 @@
 
 #include "app.h"
 #include "cell_devices.h"
+#include "cell_safety.h"
 #include "gantry/sim/twin/gige_vision_camera.h"
+#include "twin_console.h"
 #include "twin_drives.h"
 
 namespace {
@@ -40,6 +43,9 @@ int main(int argc, char** argv) {
   CLI::App app{
       "The digital twin: a simulated inspection cell that speaks the real protocols on loopback.\n"
       "Prints one line 'ready' when every server listens; stops at Ctrl-C.\n"
+      "Lines on stdin act on the safety inputs: " +
+          std::string(TwinConsole::kHelp) +
+          ".\n"
       "Example: gantry-twin --cell examples/cells/twin.yaml --part examples/parts/bracket_defective.stl "
       "--seed 1",
       "gantry-twin"};
@@ -60,11 +66,18 @@ int main(int argc, char** argv) {
                        cell.scanner.kind + "'");
     SteadyClock clock;
     const std::unique_ptr<SimulatedWorld> world = make_world(cell, part, seed, clock);
-    const auto drives = serve_drives(cell, *world, clock);
+    // Simulated contacts live in the process of gantry-cell, not here.
+    const bool wired = cell.safety && cell.safety->module.kind == "modbus";
+    const auto contacts = make_safety_contacts(wired ? *cell.safety : CellSafety{}, clock);
+    TwinConsole console(*contacts);
+    const auto drives = serve_drives(cell, *world, wired ? contacts.get() : nullptr, clock);
     const auto camera = serve_camera(cell, *world);
     std::printf("ready\n");
     std::fflush(stdout);
-    while (!stop_requested()) clock.sleep_s(0.05);
+    while (!stop_requested()) {
+      console.poll();
+      clock.sleep_s(0.05);
+    }
     return ExitCode::kPass;
   });
 }

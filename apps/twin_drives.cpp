@@ -84,7 +84,7 @@ class Servers {
 }  // namespace
 
 std::vector<std::unique_ptr<ModbusDriveServer>> serve_drives(const Cell& cell, SimulatedWorld& world,
-                                                             Clock& clock) {
+                                                             const SafetyContacts* contacts, Clock& clock) {
   Servers servers(cell, clock);
   const auto& known = twin_drive_profiles();
   for (size_t i = 0; i < cell.axes.size(); ++i) {
@@ -100,6 +100,12 @@ std::vector<std::unique_ptr<ModbusDriveServer>> serve_drives(const Cell& cell, S
     config.axis_units_per_count =
         axis.drive.counts_per_axis_unit > 0 ? 1.0 / axis.drive.counts_per_axis_unit : kIaiMmPerCount;
     servers.of(axis.drive).add(config, world.stage(i));
+  }
+  if (contacts) {
+    DriveSettings module;
+    module.host = cell.safety->module.host;
+    module.port = cell.safety->module.port;
+    servers.of(module).add_io_module(cell.safety->module.unit, *contacts);
   }
   return servers.start();
 }

@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "gantry/acquisition/cell.h"
+#include "gantry/sim/safety_contacts.h"
 #include "gantry/sim/twin/modbus_drives.h"
 #include "gantry/sim/world.h"
 
@@ -15,8 +16,9 @@ namespace gantry {
 ///   simulation:
 ///     serial: [{ bus: rs485, link: /tmp/gantry-rs485, honest_wire_time: true }]
 ///
+/// `contacts`, if not null, are what the cell's safety I/O module is wired to.
 /// Throws InputError for a drive that the twin does not have, and for a serial bus that is not listed.
 std::vector<std::unique_ptr<ModbusDriveServer>> serve_drives(const Cell& cell, SimulatedWorld& world,
-                                                             Clock& clock);
+                                                             const SafetyContacts* contacts, Clock& clock);
 
 }  // namespace gantry

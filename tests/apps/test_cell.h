@@ -55,6 +55,7 @@ inline std::string twin_cell_text() {
   text = replaced(text, "../parts", (kExamples / "parts").string());
   text = replaced(text, "15021", "15121");
   text = replaced(text, "15022", "15122");
+  text = replaced(text, "15023", "15123");
   return replaced(text, "address: 127.0.0.1", "address: 127.0.0.71");
 }
 

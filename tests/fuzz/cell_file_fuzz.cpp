@@ -3,6 +3,7 @@
 
 #include "fuzz.h"
 #include "gantry/acquisition/cell.h"
+#include "gantry/acquisition/collision_settings.h"
 #include "gantry/acquisition/plan.h"
 #include "gantry/foundation/strict_yaml.h"
 #include "gantry/sim/world.h"
@@ -18,10 +19,41 @@ const std::string kPlanOfPoses =
     "  - name: a\n    sensor: { position_mm: [60, -392, 275], look_at_mm: [60, 0, 0] }\n    exposure_ms: 30\n"
     "  - { name: b, joints: { linear_mm: 100, rotation_deg: 0, tilt_deg: 10 } }\n";
 
+/// The shipped cell with a collision and a safety section that use what the shipped ones do not.
+std::string other_sections() {
+  std::string text = TemporaryFolder::read(kExamples / "cells/simulated.yaml");
+  const size_t begin = text.find("collision:"), end = text.find("# Only the simulation");
+  return text.replace(begin, end - begin,
+                      "collision:\n  clearance_mm: 0\n  bodies:\n"
+                      "    - { name: ball, rides_on: part, shapes: [ { kind: sphere, radius_mm: 9 } ] }\n"
+                      "    - name: head\n      rides_on: sensor\n      shapes:\n"
+                      "        - { kind: cylinder, radius_mm: 3, height_mm: 8, rotation_rpy_deg: [90, 0, 0] }\n"
+                      "    - { name: arm, rides_on: tilt, shapes: [ { kind: box, size_mm: [9, 9, 9] } ] }\n"
+                      "  may_touch: [ { first: ball, second: part } ]\n"
+                      "safety:\n  module: { kind: modbus, host: a, unit: 3, response_timeout_ms: 9 }\n"
+                      "  inputs: [ { name: stop, channels: [7], stop_category: 0, release_ms: 0 } ]\n");
+}
+
+bool has_mesh_files(const CellCollision& collision) {
+  for (const CollisionBodySettings& body : collision.bodies)
+    for (const CollisionShape& shape : body.shapes)
+      if (shape.kind == CollisionShape::Kind::kMesh) return true;
+  return false;
+}
+
+/// A short move, checked: whatever the bodies are, it comes to an end.
+void check_a_move(const Cell& cell) {
+  if (!cell.collision || has_mesh_files(*cell.collision)) return;
+  const CollisionModel model = make_collision_model(cell, nullptr, nullptr);
+  const std::vector<double> from(cell.axes.size(), 0.0), to(cell.axes.size(), 0.2);
+  model.first_on_path(from, to);
+}
+
 }  // namespace
 
 std::vector<std::string> seeds() {
-  return {kCell + TemporaryFolder::read(kExamples / "cells/simulated.yaml"),
+  return {kCell + other_sections(),
+          kCell + TemporaryFolder::read(kExamples / "cells/simulated.yaml"),
           kCell + TemporaryFolder::read(kExamples / "cells/twin.yaml"),
           kPlan + TemporaryFolder::read(kExamples / "plans/bracket.yaml"), kPlan + kPlanOfPoses};
 }
@@ -44,6 +76,7 @@ int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
     const std::vector<double> zero(cell.axes.size());
     if (!cell.chain.uncertain_part_from_sensor(zero).mean.matrix().allFinite())
       throw std::logic_error("a chain that leads nowhere");
+    check_a_move(cell);
     StrictYaml yaml = StrictYaml::load(path);
     if (yaml.has("simulation")) read_simulation(yaml.map("simulation"), cell.chain);
   });

@@ -12,6 +12,7 @@
 #include "fuzz.h"
 #include "gantry/foundation/clock.h"
 #include "gantry/hal/modbus_drives.h"
+#include "gantry/hal/modbus_safety_inputs.h"
 
 namespace gantry::fuzz {
 namespace {
@@ -69,6 +70,11 @@ class Answerer {
       reply[8] = static_cast<uint8_t>(2 * request[11]);
       for (int i = 0; i < 2 * request[11]; ++i) reply.push_back(next());
     }
+    if (request[7] == 2) {
+      reply.resize(9);
+      reply[8] = static_cast<uint8_t>((request[11] + 7) / 8);
+      for (int i = 0; i < reply[8]; ++i) reply.push_back(next());
+    }
     reply[5] = static_cast<uint8_t>(reply.size() - 6);
     return reply;
   }
@@ -94,7 +100,8 @@ std::vector<std::string> seeds() {
           with(kWhole, whole),
           with(kWhole | kStayOpen, "\0\0\0\0\0\3\1\x83\2"s),
           with(kAz | kWhole, "\0\0\0\0\0\7\1\3\4\0\0\0\x38"s),
-          with(kWhole, "\0\0\0\0\0\6\1\5\4\x27\xff\0"s)};
+          with(kWhole, "\0\0\0\0\0\6\1\5\4\x27\xff\0"s),
+          with(kWhole, "\0\0\0\0\0\5\1\2\2\x3f\0"s)};
 }
 
 }  // namespace gantry::fuzz
@@ -129,5 +136,11 @@ int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
   (void)drive->read_status();
   (void)drive->halt();
   (void)drive->reset_alarm();
+  ModbusSafetyInputsConfig inputs;
+  inputs.host = config.host;
+  inputs.port = config.port;
+  inputs.channels = {3, 0, 13};
+  inputs.response_timeout_s = 0.02;
+  (void)make_modbus_safety_inputs(inputs, nullptr)->read();
   return 0;
 }

@@ -6,6 +6,7 @@
 #include "fuzz.h"
 #include "gantry/foundation/clock.h"
 #include "twin/modbus/iai_robo_cylinder.h"
+#include "twin/modbus/io_module.h"
 #include "twin/modbus/kinco_fd.h"
 #include "twin/modbus/leadshine_cs2rs.h"
 #include "twin/modbus/modbus_gateway.h"
@@ -34,6 +35,7 @@ std::vector<std::string> seeds() {
       tcp + frame("\3\x10\x62\0\0\x08\x10\0\1\0\0\x27\x10\0\xc8\0\x64\0\x64\0\0\0\x10"s),  // CS2RS: path
       tcp + frame("\4\6\x31\0\0\6"s) + frame("\4\6\x31\0\0\7"s) + frame("\4\6\x31\0\0\x0f"s) +
           frame("\4\x10\x40\0\0\2\4\x55\x55\0\x08"s) + frame("\4\6\x31\0\0\x3f"s),  // Kinco: power, move
+      tcp + frame("\6\2\0\0\0\x10"s) + frame("\6\2\0\x0f\0\1"s),  // I/O module: all inputs, the last one
       tcp + frame("\5\3\0\0\0\1"s) + frame("\1\x2b\x0e\1\0"s),
       serial + "\1\6\x0d\3\0\1\xba\xa6"s + "\4\3\x32\0\0\2\xca\xe6"s,
       serial + "\7\x10\x62\0\0\x08\x10\0\1\0\0\x27\x10\0\0\x27\x10\x27\x10\0\0\0\x10\x8d\x50"s,
@@ -55,6 +57,9 @@ int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
   drives.emplace(2, std::make_unique<OrientalMotorAz>(rotary, std::numbers::pi / 18000, now_s, 0x1000));
   drives.emplace(3, std::make_unique<LeadshineCs2rs>(more[0], 0.001));
   drives.emplace(4, std::make_unique<KincoFd>(more[1], 0.0001));
+  VirtualClock clock;
+  const SafetyContacts contacts({{"emergency stop", {0, 1}}, {"door", {15}}}, clock);
+  drives.emplace(6, std::make_unique<IoModule>(contacts));
 
   const bool serial = data[0] == 'S';
   std::span<const uint8_t> rest(data + 1, size - 1);

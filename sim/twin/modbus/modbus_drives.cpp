@@ -5,6 +5,7 @@
 
 #include "drive_bank.h"
 #include "iai_robo_cylinder.h"
+#include "io_module.h"
 #include "kinco_fd.h"
 #include "leadshine_cs2rs.h"
 #include "oriental_motor_az.h"
@@ -66,6 +67,9 @@ ModbusDriveServer::~ModbusDriveServer() = default;
 
 void ModbusDriveServer::add(const TwinDriveConfig& config, SimulatedStage& stage) {
   impl_->bank.add(config.unit, make_drive(config, stage, impl_->bank.now_s()));
+}
+void ModbusDriveServer::add_io_module(int unit, const SafetyContacts& contacts) {
+  impl_->bank.add(unit, std::make_unique<IoModule>(contacts));
 }
 void ModbusDriveServer::start() {
   impl_->endpoint->start();

@@ -6,7 +6,9 @@
 #include <string>
 #include <vector>
 
+#include "gantry/acquisition/collision_settings.h"
 #include "gantry/acquisition/drive_settings.h"
+#include "gantry/acquisition/safety_settings.h"
 #include "gantry/acquisition/supervisor.h"
 #include "gantry/foundation/clock.h"
 #include "gantry/hal/axis.h"
@@ -54,6 +56,8 @@ struct Cell {
   HomingOrder homing_order;
   SupervisorSettings supervisor;
   double drive_timeout_s = 0;  ///< A drive stops when it hears nothing for so long; 0: not asked for.
+  std::optional<CellCollision> collision;  ///< Absent: paths are not checked for collisions.
+  std::optional<CellSafety> safety;  ///< Absent: no safety inputs are read; the hardware chain is alone.
 };
 
 /// Throws InputError with file, line and key for anything that is missing, unknown or contradictory.

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "gantry/foundation/clock.h"
+#include "gantry/sim/safety_contacts.h"
 #include "gantry/sim/stage.h"
 #include "gantry/sim/twin/wire_faults.h"
 
@@ -57,6 +58,9 @@ class ModbusDriveServer {
   /// Powers up a drive on `stage`, which must outlive the server. Throws InputError for an unknown profile, a
   /// unit that is taken or out of range, or a count that is not positive.
   void add(const TwinDriveConfig& config, SimulatedStage& stage);
+  /// Puts an I/O module with 16 discrete inputs (function 02) on the bus, wired to `contacts`, which must
+  /// outlive the server. Throws InputError for a unit that is taken or out of range.
+  void add_io_module(int unit, const SafetyContacts& contacts);
 
   /// Binds and serves. Throws InputError naming what cannot be had.
   void start();
