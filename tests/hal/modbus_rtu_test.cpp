@@ -220,6 +220,7 @@ TEST_F(RtuBus, ADeviceThatVanishesComesBackWithoutARestart) {
   server.start();
   SerialLine line;
   line.device = folder;
+  line.read_attempts = 1;
   const auto bus = make_modbus_bus(line);
   ASSERT_TRUE(bus->read_registers(5, 0x007E, 2, 1.0));
   server.set_plugged(false);

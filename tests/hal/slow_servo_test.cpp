@@ -77,7 +77,7 @@ TEST_F(SlowCs2rs, HomingAgainIsNotOverBeforeItShows) {
 TEST_F(SlowCs2rs, NothingIsStartedWithoutPowerOrWithAnAlarm) {
   for (const uint16_t status : {kHomed, uint16_t{kEnabled | kFault | kHomed}}) {
     server.set(0x1003, status);
-    for (const auto& refused : {drive->start_move({1, 1, 1}), drive->start_homing()}) {
+    for (const auto& refused : {drive->start_move({1, 10, 100}), drive->start_homing()}) {
       ASSERT_FALSE(refused);
       EXPECT_EQ(refused.error().kind, FaultKind::kRefused);
     }
