@@ -251,7 +251,13 @@ ExitCode MotionCommands::status() {
     if (!devices.axes_in_process) {
       auto opened = CellSession::open(cell.file, "gantry-cell status", first ? 0.5 : 0.0);
       if (!opened) {
-        show(status_of_holder(cell, opened.error()), json_, redraw, first);
+        const nlohmann::json live = status_of_holder(cell, opened.error());
+        try {
+          show(live, json_, redraw, first);
+        } catch (const nlohmann::json::exception& e) {  // Of another version of this program, perhaps.
+          throw DeviceError(Fault{FaultKind::kProtocol, opened.error().device,
+                                  std::string("the status of its process cannot be read: ") + e.what()});
+        }
         continue;
       }
       session.emplace(std::move(*opened));
