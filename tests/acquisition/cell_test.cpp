@@ -158,7 +158,7 @@ INSTANTIATE_TEST_SUITE_P(
                 "following_error_mm: 2\n      following_error_at_rest_mm: 3 ", 1,
                 "axes[0].motion.following_error_at_rest_mm"},
         Mistake{"UnknownApproach", kBand, kBand + "      approach: sideways\n", 1, "axes[0].motion.approach"},
-        Mistake{"ApproachWithoutDistance", kBand, kBand + "      approach: from_below\n", -4,
+        Mistake{"ApproachWithoutDistance", kBand, kBand + "      approach: from_below\n", -3,
                 "missing key 'approach_distance_mm'"},
         Mistake{"ApproachLongerThanTheTravel", kBand,
                 kBand + "      approach: from_below\n      approach_distance_mm: 300\n", 2,
