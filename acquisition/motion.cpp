@@ -72,6 +72,7 @@ std::optional<size_t> Motion::axis_named(const std::string& name) const {
 
 void Motion::turn() {
   if (!threads_) {
+    for (const IoService& other : options_.services) other.service();
     for (auto& axis : axes_) axis->channel().service();
     supervisor_.tick(clock_.now_s());
   }
@@ -231,7 +232,7 @@ Result<void> Motion::connect() {
         remarks_.push_back(axis->name() + ": " + set.error().message);
     }
     if (options_.threads)
-      threads_ = std::make_unique<MotionThreads>(supervisor_, options_.bus_of_axis, clock_);
+      threads_ = std::make_unique<MotionThreads>(supervisor_, options_.bus_of_axis, options_.services, clock_);
     connected_ = true;
   }
   turn();

@@ -30,6 +30,7 @@ class MotionThreads::IoThread final : public Waker {
     channels_.push_back(&channel);
     channel.watch(&loop, stall_limit_s, this);
   }
+  void add(std::function<void()> service) { services_.push_back(std::move(service)); }
   void start() {
     thread_ = std::thread([this] { run(); });
   }
@@ -47,6 +48,7 @@ class MotionThreads::IoThread final : public Waker {
     (void)become_real_time(kIoPriority);
     while (!ending_) {
       const double begin_s = clock_.now_s();
+      for (const auto& service : services_) service();
       for (DriveChannel* channel : channels_) channel->service();
       sleep_until(begin_s + kReadInterval_s);
     }
@@ -67,22 +69,29 @@ class MotionThreads::IoThread final : public Waker {
 
   Clock& clock_;
   std::vector<DriveChannel*> channels_;
+  std::vector<std::function<void()>> services_;
   sem_t wake_;
   std::atomic<bool> ending_{false};
   std::thread thread_;
 };
 
-MotionThreads::MotionThreads(Supervisor& supervisor, const std::vector<size_t>& bus_of_axis, Clock& clock)
+MotionThreads::MotionThreads(Supervisor& supervisor, const std::vector<size_t>& bus_of_axis,
+                             const std::vector<IoService>& services, Clock& clock)
     : supervisor_(supervisor) {
   supervisor.tick(clock.now_s());  // The loop counts as alive from now on.
   std::map<size_t, IoThread*> of_bus;
-  for (size_t i = 0; i < supervisor.axes().size(); ++i) {
-    IoThread*& io = of_bus[bus_of_axis[i]];
+  const auto thread_of = [&](size_t bus) -> IoThread& {
+    IoThread*& io = of_bus[bus];
     if (!io) {
       io_.push_back(std::make_unique<IoThread>(clock));
       io = io_.back().get();
     }
-    io->add(supervisor.axes()[i]->channel(), supervisor.heartbeat(), supervisor.settings().stall_limit_s);
+    return *io;
+  };
+  for (const IoService& other : services) thread_of(other.bus).add(other.service);
+  for (size_t i = 0; i < supervisor.axes().size(); ++i) {
+    thread_of(bus_of_axis[i]).add(supervisor.axes()[i]->channel(), supervisor.heartbeat(),
+                                  supervisor.settings().stall_limit_s);
   }
   for (auto& io : io_) io->start();
   loop_ = std::make_unique<RealTimeLoop>(supervisor.settings().period_s, kLoopPriority,

@@ -44,7 +44,9 @@ double DurationHistogram::percentile_us(double fraction) const {
   uint64_t seen = 0;
   for (size_t i = 0; i < bins_.size() && wanted > 0; ++i) {
     seen += bins_[i].load(std::memory_order_relaxed);
-    if (seen >= wanted) return std::min(max_us(), static_cast<double>(i + 1) * kBin_us);
+    if (seen < wanted) continue;
+    const bool beyond = i + 1 == bins_.size();
+    return beyond ? max_us() : std::min(max_us(), static_cast<double>(i + 1) * kBin_us);
   }
   return total == 0 ? 0 : max_us();
 }

@@ -69,7 +69,7 @@ CellDevices make_devices(const Cell& cell, const std::optional<std::filesystem::
   std::map<std::string, std::shared_ptr<ModbusBus>> buses;
   std::map<std::string, size_t> bus_numbers;  // axes on one bus share its I/O thread
   std::vector<std::unique_ptr<Axis>> axes;
-  MotionOptions options{cell.supervisor, cell.drive_timeout_s, threads, {}};
+  MotionOptions options{cell.supervisor, cell.drive_timeout_s, threads, {}, {}};
   for (size_t i = 0; i < cell.axes.size(); ++i) {
     const AxisSettings& settings = cell.axes[i];
     std::unique_ptr<Drive> drive;

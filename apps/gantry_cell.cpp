@@ -168,7 +168,7 @@ ExitCode run(const RunCommand& command) {
   publish_status(session, cell, motion, "gantry-cell run");
   device_step(devices.scanner->connect());
   progress.stage("homing");
-  device_step(motion.enable());
+  device_step(power_up(motion));
   device_step(motion.home(cell.homing_order));
 
   RunObserver observer;

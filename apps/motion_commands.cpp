@@ -161,6 +161,12 @@ void publish_status(std::optional<CellSession>& session, const Cell& cell, const
   if (session) session->publish([&cell, &motion, command] { return status_json(cell, motion, command).dump(); });
 }
 
+Result<void> power_up(Motion& motion) {
+  if (motion.figures().stop != StopCategory::kNone)
+    if (auto reset = motion.reset(); !reset) return reset;
+  return motion.enable();
+}
+
 MotionCommands::MotionCommands(CLI::App& app) {
   const auto with_cell = [this](CLI::App* command) {
     command->add_option("--cell", cell_, "CELL.yaml")->required();
@@ -195,7 +201,7 @@ ExitCode MotionCommands::home() {
   for (const std::string& axis : axes_) require_axis(session.cell, axis);
   session.progress.stage("homing");
   session.require(session.connect("gantry-cell home"));
-  session.require(session.motion.enable());
+  session.require(power_up(session.motion));
   const HomingOrder order = only(session.cell.homing_order, axes_);
   session.require(session.motion.home(order));
   session.progress.clear();
@@ -213,7 +219,7 @@ ExitCode MotionCommands::jog() {
   require_axis(session.cell, axis_);
   const size_t axis = *session.motion.axis_named(axis_);
   session.require(session.connect("gantry-cell jog"));
-  session.require(session.motion.enable());
+  session.require(power_up(session.motion));
   const Axis& jogged = *session.motion.axes()[axis];
   if (by_)
     session.require(session.motion.jog_by(axis, in_axis_units(jogged, *by_)));
@@ -251,7 +257,13 @@ ExitCode MotionCommands::status() {
     if (!devices.axes_in_process) {
       auto opened = CellSession::open(cell.file, "gantry-cell status", first ? 0.5 : 0.0);
       if (!opened) {
-        show(status_of_holder(cell, opened.error()), json_, redraw, first);
+        const nlohmann::json live = status_of_holder(cell, opened.error());
+        try {
+          show(live, json_, redraw, first);
+        } catch (const nlohmann::json::exception& e) {  // Of another version of this program, perhaps.
+          throw DeviceError(Fault{FaultKind::kProtocol, opened.error().device,
+                                  std::string("the status of its process cannot be read: ") + e.what()});
+        }
         continue;
       }
       session.emplace(std::move(*opened));

@@ -20,6 +20,10 @@ std::optional<CellSession> take_control(const Cell& cell, const CellDevices& dev
 void publish_status(std::optional<CellSession>& session, const Cell& cell, const Motion& motion,
                     const std::string& command);
 
+/// Powers the axes at an operator's command, which is also the reset edge of a latched safety chain; that takes
+/// it only when every input is closed.
+Result<void> power_up(Motion& motion);
+
 /// `gantry-cell home | jog | status | reset`.
 class MotionCommands {
  public:

@@ -70,7 +70,7 @@ class Rig {
     add("linear", AxisKind::kLinear, 1, 5, 295, 120, 600, 0.03);
     add("rotation", AxisKind::kRotary, 2, -185, 185, 60, 240, 0.02);
     add("tilt", AxisKind::kRotary, 3, -75, 75, 40, 160, 0.02);
-    motion = std::make_unique<Motion>(std::move(axes), settings, MotionOptions{{}, 0, true, {0, 1, 1}}, clock_);
+    motion = std::make_unique<Motion>(std::move(axes), settings, MotionOptions{{}, 0, true, {0, 1, 1}, {}}, clock_);
     require(motion->connect());
     require(motion->enable());
     require(motion->home({{"linear", "rotation", "tilt"}}));

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <fstream>
 #include <numbers>
 
 #include "acquisition/edited_file.h"
@@ -46,6 +47,50 @@ TEST(Cell, DegreesInTheFileAreRadiansInTheProgram) {
   const Eigen::Vector3d view = cell.chain.base_from_sensor.linear().col(2);
   EXPECT_NEAR(view.y(), std::cos(35 * kDeg), 1e-6);
   EXPECT_NEAR(view.z(), -std::sin(35 * kDeg), 1e-6);
+}
+
+TEST(Cell, MotionHomingAndSupervisorAreReadWithTheirDefaults) {
+  std::string text = file_text(kCells / "simulated.yaml");
+  const auto replace = [&text](const std::string& from, const std::string& to) {
+    const size_t at = text.find(from);
+    ASSERT_NE(at, std::string::npos) << from;
+    text.replace(at, from.size(), to);
+  };
+  const Cell plain = read_cell(kCells / "simulated.yaml");
+  EXPECT_EQ(plain.axes[0].limits.jogging_speed(), 24) << "a fifth of the speed";
+  EXPECT_EQ(plain.axes[0].limits.unhomed_jogging_speed(), 2.4);
+  EXPECT_EQ(plain.axes[0].limits.following_error, 2);
+  EXPECT_EQ(plain.axes[0].limits.following_error_at_rest, 1);
+  EXPECT_EQ(plain.axes[1].limits.following_error, 0) << "not watched";
+  EXPECT_EQ(plain.drive_timeout_s, 0);
+
+  replace("      speed_deg_s: 40\n",
+          "      speed_deg_s: 40\n      jog_speed_deg_s: 3\n      unhomed_jog_speed_deg_s: 1\n"
+          "      following_error_deg: 0.5\n      following_error_at_rest_deg: 0.1\n"
+          "      following_error_time_s: 0.2\n      approach: from_above\n      approach_distance_deg: 2\n");
+  replace("    - axis: linear\n    - axis: tilt\n    - axis: rotation\n",
+          "    - { axis: linear, offset_mm: -3 }\n    - together: [ { axis: tilt, offset_deg: 1 }, { axis: rotation } ]\n");
+  text += "\nsupervisor: { period_ms: 5, stall_limit_s: 0.1, dead_man_s: 0.4, data_limit_s: 0.25, drive_timeout_s: 1 }\n";
+  const TempFolder folder;
+  std::ofstream(folder / "cell.yaml") << text;
+  const Cell cell = read_cell(folder / "cell.yaml");
+  EXPECT_EQ(cell.homing_order, (HomingOrder{{"linear"}, {"tilt", "rotation"}}));
+  EXPECT_EQ(cell.axes[0].limits.position_at_home, -3);
+  const AxisLimits& tilt = cell.axes[2].limits;
+  EXPECT_NEAR(tilt.position_at_home, 1 * kDeg, 1e-12);
+  EXPECT_NEAR(tilt.jog_speed, 3 * kDeg, 1e-12);
+  EXPECT_NEAR(tilt.unhomed_jog_speed, 1 * kDeg, 1e-12);
+  EXPECT_NEAR(tilt.following_error, 0.5 * kDeg, 1e-12);
+  EXPECT_NEAR(tilt.following_error_at_rest, 0.1 * kDeg, 1e-12);
+  EXPECT_EQ(tilt.following_error_time_s, 0.2);
+  EXPECT_EQ(cell.axes[2].approach, Approach::kFromAbove);
+  EXPECT_NEAR(cell.axes[2].highest_target(), 73 * kDeg, 1e-12);
+  EXPECT_NEAR(cell.axes[2].lowest_target(), -75 * kDeg, 1e-12);
+  EXPECT_EQ(cell.supervisor.period_s, 0.005);
+  EXPECT_EQ(cell.supervisor.stall_limit_s, 0.1);
+  EXPECT_EQ(cell.supervisor.dead_man_s, 0.4);
+  EXPECT_EQ(cell.drive_timeout_s, 1);
+  for (const AxisSettings& axis : cell.axes) EXPECT_EQ(axis.limits.data_limit_s, 0.25);
 }
 
 TEST(Cell, AFileThatIsNotThereIsNamed) {
@@ -189,6 +234,34 @@ INSTANTIATE_TEST_SUITE_P(
                 0, "axes[0].drive.unit"},
         Mistake{"AddressOfASimulatedDrive", kDrive, "    drive: { profile: simulated, host: a }\n", 0,
                 "axes[0].drive.host"}),
+    mistake_name);
+
+const std::string kBand = "      in_position_mm: 0.03\n";
+
+INSTANTIATE_TEST_SUITE_P(
+    Motion, CellMistake,
+    testing::Values(
+        Mistake{"JogFasterThanTheAxis", kBand, kBand + "      jog_speed_mm_s: 121\n", 1,
+                "axes[0].motion.jog_speed_mm_s"},
+        Mistake{"MoreFollowingErrorAtRest", "following_error_mm: 2 ",
+                "following_error_mm: 2\n      following_error_at_rest_mm: 3 ", 1,
+                "axes[0].motion.following_error_at_rest_mm"},
+        Mistake{"UnknownApproach", kBand, kBand + "      approach: sideways\n", 1, "axes[0].motion.approach"},
+        Mistake{"ApproachWithoutDistance", kBand, kBand + "      approach: from_below\n", -3,
+                "missing key 'approach_distance_mm'"},
+        Mistake{"ApproachLongerThanTheTravel", kBand,
+                kBand + "      approach: from_below\n      approach_distance_mm: 300\n", 2,
+                "axes[0].motion.approach_distance_mm: leaves no target"},
+        Mistake{"DistanceWithoutApproach", kBand, kBand + "      approach_distance_mm: 1\n", 1,
+                "axes[0].motion.approach_distance_mm"},
+        Mistake{"TogetherAlone", "    - axis: tilt\n", "    - together: [ { axis: tilt } ]\n", 0,
+                "homing.order[1].together"},
+        Mistake{"OffsetInTheWrongUnit", "    - axis: tilt\n", "    - { axis: tilt, offset_mm: 1 }\n", 0,
+                "homing.order[1].offset_mm"},
+        Mistake{"ImpatientSupervisor", "name: demo cell", "supervisor: { stall_limit_s: 0.01 }\nname: demo cell", 0,
+                "supervisor.stall_limit_s: must be longer than two periods"},
+        Mistake{"UnknownSupervisorKey", "name: demo cell", "supervisor: { speed: 1 }\nname: demo cell", 0,
+                "supervisor.speed"}),
     mistake_name);
 
 INSTANTIATE_TEST_SUITE_P(

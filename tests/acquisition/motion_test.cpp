@@ -319,6 +319,7 @@ TEST_F(MotionTest, ResetAndEnableRecover) {
 TEST_F(MotionTest, ItsEndStopsWhatMoves) {
   ASSERT_NO_FATAL_FAILURE(home());
   ASSERT_TRUE(motion_->start_jog(0, 1));
+  ASSERT_TRUE(motion_->watch_for(0.05));
   ASSERT_NE(drives_[0].position, drives_[0].target);
   motion_.reset();
   for (const DriveScript& drive : drives_) EXPECT_GE(drive.halts, 1);
@@ -334,6 +335,31 @@ TEST_F(MotionTest, AxesOfOneGroupHomeAtTheSameTime) {
   const auto unknown = motion_->home({{"yaw"}});
   ASSERT_FALSE(unknown);
   EXPECT_NE(unknown.error().message.find("'yaw'"), std::string::npos);
+}
+
+TEST_F(MotionTest, WhatThePermitReadsIsServicedInEveryCycle) {
+  struct Contact final : MotionPermit {
+    StopCategory required_stop(double, bool) override {
+      return read_closed ? StopCategory::kNone : StopCategory::kCategory0;
+    }
+    std::string why() const override { return "the door is open"; }
+    bool closed = true, read_closed = false;
+  } door;
+  std::vector<std::unique_ptr<Axis>> axes;
+  axes.push_back(std::make_unique<Axis>(std::make_unique<FakeDrive>("linear", drives_[0], clock_),
+                                        AxisKind::kLinear, motion_->axes()[0]->limits(), clock_));
+  MotionOptions options;
+  options.services = {{0, [&] { door.read_closed = door.closed; }}};
+  Motion motion(std::move(axes), {AxisSettings{}}, options, clock_, &door);
+  ASSERT_TRUE(motion.connect() && motion.enable() && motion.home({{"linear"}}));
+  motion.on_progress([&](const auto&) { door.closed = false; });
+  const auto moved = motion.move_to(std::vector<double>{50});
+  ASSERT_FALSE(moved);
+  EXPECT_EQ(moved.error().text(), "safety chain: the door is open [refused]");
+  EXPECT_FALSE(drives_[0].servo);
+  const auto enabled = motion.enable();
+  ASSERT_FALSE(enabled);
+  EXPECT_EQ(enabled.error().message, "the door is open");
 }
 
 TEST_F(MotionTest, RefusalsSayWhatToDo) {

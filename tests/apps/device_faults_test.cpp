@@ -187,5 +187,30 @@ TEST_F(DeviceFaults, StatusAndHomeAgainstTheTwin) {
   EXPECT_EQ(after.out.find("unknown"), std::string::npos) << after.out;
 }
 
+TEST_F(DeviceFaults, AnAlarmIsShownRefusesMotionAndIsClearedByReset) {
+  Twin twin(folder_ / "cell.yaml");
+  const std::string cell = folder_ / "cell.yaml";
+  twin.drives.at(15122)->raise_alarm(2, 0x30, AlarmCause::kPersists);
+  const ProcessResult shown = run_program("gantry-cell", {"status", "--cell", cell}, 30);
+  EXPECT_EQ(shown.exit_code, 3) << shown.out << shown.err;
+  EXPECT_NE(shown.out.find("alarm 30h"), std::string::npos) << shown.out;
+  EXPECT_NE(shown.out.find("ErrorStop"), std::string::npos) << shown.out;
+  const ProcessResult refused = run_program("gantry-cell", {"home", "--cell", cell}, 30);
+  EXPECT_EQ(refused.exit_code, 3);
+  EXPECT_NE(refused.err.find("axis rotation"), std::string::npos) << refused.err;
+  EXPECT_NE(refused.err.find("gantry-cell reset"), std::string::npos) << refused.err;
+  EXPECT_FALSE(twin.anything_moves());
+
+  const ProcessResult in_vain = run_program("gantry-cell", {"reset", "--cell", cell}, 30);
+  EXPECT_EQ(in_vain.exit_code, 3) << in_vain.out << in_vain.err;
+  EXPECT_NE(in_vain.err.find("persists"), std::string::npos) << in_vain.err;
+  twin.drives.at(15122)->clear_alarm_cause(2);
+  const ProcessResult cleared = run_program("gantry-cell", {"reset", "--cell", cell}, 30);
+  EXPECT_EQ(cleared.exit_code, 0) << cleared.out << cleared.err;
+  EXPECT_EQ(cleared.out.find("ErrorStop"), std::string::npos) << cleared.out;
+  const ProcessResult homed = run_program("gantry-cell", {"home", "--cell", cell}, 60);
+  EXPECT_EQ(homed.exit_code, 0) << homed.err;
+}
+
 }  // namespace
 }  // namespace gantry::testing

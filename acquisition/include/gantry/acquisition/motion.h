@@ -33,6 +33,7 @@ struct MotionOptions {
   /// by cycle, on any clock: deterministic, for tests and simulated time.
   bool threads = false;
   std::vector<size_t> bus_of_axis;  ///< Axes with the same number share an I/O thread; empty: each its own.
+  std::vector<IoService> services;  ///< What the permit, for one, is to be read from.
 };
 
 /// All axes of the cell as one, for callers that want to wait: they are enabled, homed and moved together,
