@@ -236,6 +236,43 @@ TEST(SafetyChain, NonsenseOfTimeAndSizeIsStale) {
   }
 }
 
+/// One door of two channels and category 1, read at times that have exact binary fractions.
+SafetySettings exact_settings() {
+  SafetySettings settings;
+  settings.inputs = {{"door", {0, 1}, StopCategory::kCategory1, 0.25, 0}};
+  settings.max_age_s = 10;
+  settings.ramp_limit_s = 0.5;
+  return settings;
+}
+
+SafetyVerdict update_exactly(SafetyChain& chain, bool first, bool second, bool reset, double now_s) {
+  SafetyInputsSnapshot snapshot;
+  snapshot.valid = true;
+  snapshot.count = 2;
+  snapshot.closed = {first, second};
+  snapshot.sampled_at_s = now_s;
+  return chain.update(snapshot, reset, now_s);
+}
+
+TEST(SafetyChain, ATimeLimitItselfIsAllowedAndAnythingLongerIsNot) {
+  SafetyChain chain(exact_settings());
+  update_exactly(chain, true, true, false, 0);
+  ASSERT_EQ(update_exactly(chain, true, true, true, 1).stop, StopCategory::kNone);
+  update_exactly(chain, false, true, false, 2);
+  EXPECT_EQ(update_exactly(chain, false, true, false, 2.25).cause, SafetyCause::kTripped);
+  EXPECT_EQ(update_exactly(chain, false, true, false, 2.25 + 1e-6).cause, SafetyCause::kDiscrepancy);
+  EXPECT_EQ(update_exactly(chain, false, true, false, 2.5).stop, StopCategory::kCategory1);
+  EXPECT_EQ(update_exactly(chain, false, true, false, 2.5 + 1e-6).stop, StopCategory::kCategory0);
+}
+
+TEST(SafetyChain, ATimeThatIsNoNumberEndsTheRamp) {
+  SafetyChain chain(exact_settings());
+  update_exactly(chain, true, true, false, 0);
+  ASSERT_EQ(update_exactly(chain, true, true, true, 1).stop, StopCategory::kNone);
+  ASSERT_EQ(update_exactly(chain, false, false, false, 2).stop, StopCategory::kCategory1);
+  EXPECT_EQ(update_exactly(chain, false, false, false, std::nan("")).stop, StopCategory::kCategory0);
+}
+
 TEST(SafetyChain, SettingsThatContradictThemselvesAreRefused) {
   const auto refused = [](auto edit, const std::vector<std::string>& parts) {
     SafetySettings settings = demo_settings();
