@@ -56,6 +56,19 @@ std::unique_ptr<SimulatedWorld> make_world(const Cell& cell, const std::optional
   return std::make_unique<SimulatedWorld>(cell.chain, settings, mesh, holder, seed, clock);
 }
 
+namespace {
+
+/// Reads the inputs when it is time to.
+std::function<void()> polled(std::shared_ptr<SafetyInputsChannel> channel, double interval_s, Clock& clock) {
+  return [channel = std::move(channel), interval_s, &clock, due_s = clock.now_s()]() mutable {
+    if (clock.now_s() < due_s) return;
+    due_s = clock.now_s() + interval_s;
+    channel->service();
+  };
+}
+
+}  // namespace
+
 CellDevices make_devices(const Cell& cell, const std::optional<std::filesystem::path>& part, uint64_t seed,
                          Clock& clock, bool threads) {
   CellDevices devices;
@@ -87,7 +100,16 @@ CellDevices make_devices(const Cell& cell, const std::optional<std::filesystem::
     }
     axes.push_back(std::make_unique<Axis>(std::move(drive), settings.kind, settings.limits, clock));
   }
-  devices.motion = std::make_unique<Motion>(std::move(axes), cell.axes, options, clock);
+  if (cell.safety) {
+    // Behind the gateway of some drives, the I/O module shares their bus and its thread.
+    const std::string key = cell.safety->module.host + ":" + std::to_string(cell.safety->module.port);
+    const auto bus = buses.find(key);
+    devices.safety = make_safety_devices(*cell.safety, bus == buses.end() ? nullptr : bus->second, clock);
+    const size_t number = bus == buses.end() ? 2 * cell.axes.size() : bus_numbers.at(key);
+    options.services.push_back({number, polled(devices.safety.channel, cell.safety->poll_s, clock)});
+  }
+  devices.motion =
+      std::make_unique<Motion>(std::move(axes), cell.axes, options, clock, devices.safety.permit.get());
   devices.axes_in_process = buses.empty();
   if (cell.scanner.kind == "simulated") {
     devices.scanner = make_simulated_scanner(*devices.world);

@@ -4,6 +4,7 @@
 #include <optional>
 #include <vector>
 
+#include "cell_safety.h"
 #include "gantry/acquisition/cell.h"
 #include "gantry/acquisition/motion.h"
 #include "gantry/hal/modbus_drives.h"
@@ -17,6 +18,7 @@ namespace gantry {
 struct CellDevices {
   std::unique_ptr<SimulatedWorld> world;          ///< Only when a device is simulated in this process.
   std::vector<std::shared_ptr<ModbusBus>> buses;  ///< For their statistics.
+  SafetyDevices safety;                           ///< Empty for a cell without a safety section.
   std::unique_ptr<Motion> motion;
   std::unique_ptr<Scanner> scanner;
   bool simulated = false;  ///< No real part is measured (in-process, or a twin on loopback).

@@ -11,7 +11,7 @@ std::unique_ptr<SafetyContacts> make_safety_contacts(const CellSafety& safety, C
   return std::make_unique<SafetyContacts>(std::move(devices), clock);
 }
 
-SafetyDevices make_safety_devices(const CellSafety& safety, Clock& clock) {
+SafetyDevices make_safety_devices(const CellSafety& safety, std::shared_ptr<ModbusBus> bus, Clock& clock) {
   std::vector<int> channels;
   for (const SafetyInputSettings& input : safety.chain.inputs)
     channels.insert(channels.end(), input.channels.begin(), input.channels.end());
@@ -27,7 +27,7 @@ SafetyDevices make_safety_devices(const CellSafety& safety, Clock& clock) {
     config.unit = safety.module.unit;
     config.channels = channels;
     config.response_timeout_s = safety.module.response_timeout_s;
-    inputs = make_modbus_safety_inputs(config, nullptr);
+    inputs = make_modbus_safety_inputs(config, std::move(bus));
   }
   devices.channel = std::make_shared<SafetyInputsChannel>(std::move(inputs), clock);
   devices.permit = std::make_unique<SafetyPermit>(safety.chain, devices.channel);

@@ -4,6 +4,7 @@
 
 #include "gantry/acquisition/cell.h"
 #include "gantry/acquisition/safety_permit.h"
+#include "gantry/hal/modbus_drives.h"
 #include "gantry/sim/safety_contacts.h"
 
 namespace gantry {
@@ -16,7 +17,8 @@ struct SafetyDevices {
   std::unique_ptr<SafetyPermit> permit;
 };
 
-SafetyDevices make_safety_devices(const CellSafety& safety, Clock& clock);
+/// `bus`: the bus of drives behind the same gateway, or null.
+SafetyDevices make_safety_devices(const CellSafety& safety, std::shared_ptr<ModbusBus> bus, Clock& clock);
 
 /// Contacts for every input of the chain, all released: what the twin's I/O module is wired to.
 std::unique_ptr<SafetyContacts> make_safety_contacts(const CellSafety& safety, Clock& clock);

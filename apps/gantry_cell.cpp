@@ -163,9 +163,15 @@ ExitCode run(const RunCommand& command) {
     if (!result) progress.clear();
     require(result);
   };
+  std::optional<CollisionModel> collisions;
+  if (cell.collision) {
+    collisions =
+        make_collision_model(cell, reference ? &reference->mesh : nullptr, fixture ? &*fixture : nullptr);
+    motion.set_path_check(make_path_check(cell, *collisions));
+  }
   progress.stage("connecting");
   device_step(motion.connect());
-  publish_status(session, cell, motion, "gantry-cell run");
+  publish_status(session, cell, devices, "gantry-cell run");
   device_step(devices.scanner->connect());
   progress.stage("homing");
   device_step(power_up(motion));

@@ -46,8 +46,8 @@ int main(int argc, char** argv) {
       "Lines on stdin act on the safety inputs: " +
           std::string(TwinConsole::kHelp) +
           ".\n"
-      "Example: gantry-twin --cell examples/cells/twin.yaml --part examples/parts/bracket_defective.stl "
-      "--seed 1",
+          "Example: gantry-twin --cell examples/cells/twin.yaml --part examples/parts/bracket_defective.stl "
+          "--seed 1",
       "gantry-twin"};
   CommonOptions common;
   add_common_options(app, common);

@@ -17,7 +17,8 @@ void append(std::string& text, const char* format, Values... values) {
   text += line;
 }
 
-nlohmann::json axis_json(const Axis& axis, const AxisStatus& status, const AxisFigures& figures, double now_s) {
+nlohmann::json axis_json(const Axis& axis, const AxisStatus& status, const AxisFigures& figures,
+                         double now_s) {
   const DriveStatus& drive = status.drive;
   const bool rotary = axis.kind() == AxisKind::kRotary;
   const double scale = rotary ? 180 / std::numbers::pi : 1;
@@ -27,7 +28,8 @@ nlohmann::json axis_json(const Axis& axis, const AxisStatus& status, const AxisF
   json["unit"] = rotary ? "deg" : "mm";
   json["position"] = figures.drive.read ? nlohmann::json(drive.position * scale) : nlohmann::json();
   json["target"] = status.target * scale;
-  json["following_error"] = drive.following_error ? nlohmann::json(*drive.following_error * scale) : nlohmann::json();
+  json["following_error"] =
+      drive.following_error ? nlohmann::json(*drive.following_error * scale) : nlohmann::json();
   json["servo_on"] = drive.servo_on;
   json["homed"] = drive.homed;
   json["moving"] = drive.moving;
@@ -56,8 +58,60 @@ nlohmann::json loop_json(const Motion& motion, double period_s) {
           {"note", grant->note}};
 }
 
+nlohmann::json bus_json(const ModbusBus& bus) {
+  const BusStatistics s = modbus_bus_statistics(bus);
+  return {{"bus", modbus_bus_address(bus)},
+          {"requests", s.requests},
+          {"retries", s.retries},
+          {"timeouts", s.timeouts},
+          {"wrong_answers", s.wrong_answers},
+          {"exceptions", s.exceptions},
+          {"unreachable", s.unreachable},
+          {"reconnects", s.reconnects},
+          {"strays", s.strays},
+          {"last_error", s.last_error},
+          {"round_trip_us",
+           {{"min", s.round_trip_min_us},
+            {"p50", s.round_trip_median_us},
+            {"p99", s.round_trip_p99_us},
+            {"max", s.round_trip_max_us}}}};
+}
+
+/// "bus 127.0.0.1:1502: 812 requests, 31 us (median), 90 (p99), 240 (max); 2 retries, ...".
+std::string bus_line(const nlohmann::json& bus) {
+  const nlohmann::json& trip = bus.at("round_trip_us");
+  std::string text;
+  append(text, "  bus %s: %lld requests, round trip %.0f us (median), %.0f (p99), %.0f (max)",
+         bus.at("bus").get<std::string>().c_str(), bus.at("requests").get<long long>(),
+         trip.at("p50").get<double>(), trip.at("p99").get<double>(), trip.at("max").get<double>());
+  const char* separator = "; ";
+  for (const auto& [key, words] : {std::pair{"retries", "repeated"},
+                                   {"timeouts", "timed out"},
+                                   {"wrong_answers", "answered wrongly"},
+                                   {"exceptions", "exceptions"},
+                                   {"unreachable", "unreachable"},
+                                   {"reconnects", "reconnected"},
+                                   {"strays", "late answers thrown away"}}) {
+    const auto count = bus.at(key).get<long long>();
+    if (count == 0) continue;
+    append(text, "%s%lld %s", separator, count, words);
+    separator = ", ";
+  }
+  const std::string last = bus.at("last_error");
+  return text + (last.empty() ? "" : "; last: " + last) + "\n";
+}
+
+std::string safety_words(const SafetyPermit& permit) {
+  const SafetyVerdict now = permit.verdict();
+  if (now.cause == SafetyCause::kResetNeeded && now.latched_by == SafetyCause::kStart)
+    return "all inputs are closed; home, jog, run or reset is its reset";
+  return permit.why();
+}
+
 const char* stop_words(StopCategory stop) {
-  return stop == StopCategory::kNone ? "none" : stop == StopCategory::kCategory0 ? "category 0" : "category 1";
+  return stop == StopCategory::kNone        ? "none"
+         : stop == StopCategory::kCategory0 ? "category 0"
+                                            : "category 1";
 }
 
 std::string flags_of(const nlohmann::json& axis) {
@@ -76,7 +130,8 @@ std::string flags_of(const nlohmann::json& axis) {
 
 }  // namespace
 
-nlohmann::json status_json(const Cell& cell, const Motion& motion, const std::string& command) {
+nlohmann::json status_json(const Cell& cell, const CellDevices& devices, const std::string& command) {
+  const Motion& motion = *devices.motion;
   const SupervisorStatus figures = motion.figures();
   const std::vector<AxisStatus> statuses = motion.statuses();
   nlohmann::json json;
@@ -89,15 +144,19 @@ nlohmann::json status_json(const Cell& cell, const Motion& motion, const std::st
   for (size_t i = 0; i < statuses.size(); ++i)
     json["axes"].push_back(axis_json(*motion.axes()[i], statuses[i], figures.axes[i], figures.now_s));
   json["required_stop"] = stop_words(figures.stop);
+  json["safety"] =
+      devices.safety.permit ? nlohmann::json(safety_words(*devices.safety.permit)) : nlohmann::json();
   json["loop"] = loop_json(motion, cell.supervisor.period_s);
+  json["buses"] = nlohmann::json::array();
+  for (const auto& bus : devices.buses) json["buses"].push_back(bus_json(*bus));
   json["remarks"] = motion.remarks();
   return json;
 }
 
 std::string status_table(const nlohmann::json& status) {
   std::string text;
-  append(text, "  %-10s %-15s %14s %14s  %-5s  %-5s  %-6s  %s\n", "axis", "state", "position", "target", "servo",
-         "homed", "moving", "alarms and limits");
+  append(text, "  %-10s %-15s %14s %14s  %-5s  %-5s  %-6s  %s\n", "axis", "state", "position", "target",
+         "servo", "homed", "moving", "alarms and limits");
   for (const nlohmann::json& axis : status.at("axes")) {
     const std::string unit = axis.at("unit");
     const bool homed = axis.at("homed").get<bool>();
@@ -107,18 +166,18 @@ std::string status_table(const nlohmann::json& status) {
       std::snprintf(figure, sizeof figure, "%.3f %s", number.get<double>(), unit.c_str());
       return std::string(figure);
     };
-    append(text, "  %-10s %-15s %14s %14s  %-5s  %-5s  %-6s  %s\n", axis.at("axis").get<std::string>().c_str(),
-           axis.at("state").get<std::string>().c_str(), value(axis.at("position")).c_str(),
-           value(axis.at("target")).c_str(), axis.at("servo_on").get<bool>() ? "on" : "off", homed ? "yes" : "no",
+    append(text, "  %-10s %-15s %14s %14s  %-5s  %-5s  %-6s  %s\n",
+           axis.at("axis").get<std::string>().c_str(), axis.at("state").get<std::string>().c_str(),
+           value(axis.at("position")).c_str(), value(axis.at("target")).c_str(),
+           axis.at("servo_on").get<bool>() ? "on" : "off", homed ? "yes" : "no",
            axis.at("moving").get<bool>() ? "yes" : "no", flags_of(axis).c_str());
   }
   for (const nlohmann::json& axis : status.at("axes")) {
     const std::string error = axis.at("error");
-    if (!error.empty())
-      text += "  " + axis.at("drive").get<std::string>() + ": " + error + "\n";
+    if (!error.empty()) text += "  " + axis.at("drive").get<std::string>() + ": " + error + "\n";
   }
-  if (status.at("required_stop") != "none")
-    text += "  safety chain: stop " + status.at("required_stop").get<std::string>() + "\n";
+  if (!status.at("safety").is_null())
+    text += "  safety chain: " + status.at("safety").get<std::string>() + "\n";
   const nlohmann::json& loop = status.at("loop");
   if (!loop.is_null()) {
     const nlohmann::json &late = loop.at("late_us"), &busy = loop.at("busy_us");
@@ -126,13 +185,16 @@ std::string status_table(const nlohmann::json& status) {
            "  loop: %.0f ms, %llu cycles, %llu missed; late by %.0f us (median), %.0f (p99), %.0f (max); "
            "busy %.0f, %.0f, %.0f us\n",
            loop.at("period_ms").get<double>(), loop.at("cycles").get<unsigned long long>(),
-           loop.at("missed").get<unsigned long long>(), late.at("p50").get<double>(), late.at("p99").get<double>(),
-           late.at("max").get<double>(), busy.at("p50").get<double>(), busy.at("p99").get<double>(),
-           busy.at("max").get<double>());
-    append(text, "  real time: %s, memory %s%s%s\n", loop.at("sched_fifo").get<bool>() ? "SCHED_FIFO" : "ordinary",
+           loop.at("missed").get<unsigned long long>(), late.at("p50").get<double>(),
+           late.at("p99").get<double>(), late.at("max").get<double>(), busy.at("p50").get<double>(),
+           busy.at("p99").get<double>(), busy.at("max").get<double>());
+    append(text, "  real time: %s, memory %s%s%s\n",
+           loop.at("sched_fifo").get<bool>() ? "SCHED_FIFO" : "ordinary",
            loop.at("memory_locked").get<bool>() ? "locked" : "not locked",
-           loop.at("note").get<std::string>().empty() ? "" : "; ", loop.at("note").get<std::string>().c_str());
+           loop.at("note").get<std::string>().empty() ? "" : "; ",
+           loop.at("note").get<std::string>().c_str());
   }
+  for (const nlohmann::json& bus : status.at("buses")) text += bus_line(bus);
   for (const nlohmann::json& remark : status.at("remarks")) text += "  " + remark.get<std::string>() + "\n";
   return text;
 }
