@@ -87,7 +87,7 @@ struct Cell {
     run(0.8);
     ASSERT_GT(state().velocity, 90);
   }
-  StageState state() const { return stage.observe(clock.now_s()); }
+  StageState state() { return stage.observe(clock.now_s()); }
 
   VirtualClock clock;
   SafetyContacts contacts{{{"emergency stop", {0, 1}}, {"door", {2, 3}}}, clock};
