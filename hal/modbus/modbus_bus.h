@@ -40,6 +40,7 @@ class ModbusBus {
 
   /// "127.0.0.1:1503" or "/dev/ttyUSB0".
   std::string address() const { return link_->address(); }
+  int attempts() const { return attempts_; }
 
   /// FC01.
   Result<std::vector<bool>> read_coils(int unit, uint16_t first, uint16_t count, double timeout_s);

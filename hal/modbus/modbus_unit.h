@@ -16,8 +16,12 @@ namespace gantry {
 /// One unit on a bus: what a drive reads and writes through. Its faults name the drive.
 class ModbusUnit {
  public:
+  /// `response_timeout_s` is for each of the attempts that the bus may make.
   ModbusUnit(std::shared_ptr<ModbusBus> bus, int unit, DriveInfo info, double response_timeout_s)
-      : bus_(std::move(bus)), unit_(unit), info_(std::move(info)), timeout_s_(response_timeout_s) {}
+      : bus_(std::move(bus)),
+        unit_(unit),
+        info_(std::move(info)),
+        timeout_s_(response_timeout_s * bus_->attempts()) {}
 
   const DriveInfo& info() const { return info_; }
 

@@ -41,7 +41,9 @@ Result<void> RtuLink::await_silence(double deadline_s) {
     const double now_s = wire_time_s();
     if (unasked.empty() && now_s >= quiet_s) break;
     if (now_s >= deadline_s)
-      return fault(FaultKind::kTimeout, {}, "serial line " + address() + " is never quiet; who else sends?");
+      return fault(FaultKind::kTimeout, {},
+                   "serial line " + address() +
+                       (stray ? " is never quiet; who else sends?" : ": no time was left for the request"));
   }
   if (stray) ++strays_;
   return {};
@@ -52,35 +54,51 @@ Result<Bytes> RtuLink::exchange(int unit, const Request& request, double deadlin
     if (auto opened = port_.open(); !opened) return tl::make_unexpected(opened.error());
     ++openings_;
   }
-  if (owed_since_s_.contains(unit)) {
+  if (owed_.contains(unit)) {
     if (auto settled = settle(unit, deadline_s); !settled) return tl::make_unexpected(settled.error());
   }
-  auto answer = ask(unit, request, deadline_s);
-  if (!answer) owed_since_s_[unit] = wire_time_s();
+  auto sent = send(unit, request, deadline_s);
+  auto answer =
+      sent ? await_answer(unit, request, deadline_s) : Result<Bytes>(tl::make_unexpected(sent.error()));
+  if (!answer) owed_[unit] = {wire_time_s(), last_check_};
   return answer;
 }
 
+// Any answer to a check that was sent since the answer went missing will do: an earlier check's may be late
+// too.
 Result<void> RtuLink::settle(int unit, double deadline_s) {
-  const double begin_s = wire_time_s();
-  const auto repeated = ask(unit, modbus_pdu::echo(++check_), begin_s + (deadline_s - begin_s) / 2);
-  const double silent_for_s = wire_time_s() - owed_since_s_[unit];
-  if (repeated ||
-      (repeated.error().kind == FaultKind::kTimeout && silent_for_s >= port_.line().late_answer_s)) {
-    owed_since_s_.erase(unit);
+  Owed& owed = owed_.at(unit);
+  const double begin_s = wire_time_s(), half_s = begin_s + (deadline_s - begin_s) / 2;
+  const Request check = modbus_pdu::echo(++last_check_);
+  const Request any_check{check.pdu, {check.pdu.begin(), check.pdu.begin() + 3}, check.answer_size};
+  if (auto sent = send(unit, check, half_s); !sent) return sent;
+  for (;;) {
+    const auto answer = await_answer(unit, any_check, half_s);
+    if (!answer && answer.error().kind != FaultKind::kTimeout) return tl::make_unexpected(answer.error());
+    if (!answer) break;
+    const bool exception = (answer->front() & modbus_pdu::kExceptionFlag) != 0;
+    // Numbers count up and wrap around: how many checks ago that one was, and how many there have been since.
+    const auto ago = [this](uint16_t number) { return static_cast<uint16_t>(last_check_ - number); };
+    if (exception || ago(modbus_pdu::u16_at(*answer, 3)) < ago(owed.last_check)) {
+      owed_.erase(unit);
+      return {};
+    }
+  }
+  if (wire_time_s() - owed.since_s >= port_.line().late_answer_s) {
+    owed_.erase(unit);
     return {};
   }
-  if (repeated.error().kind != FaultKind::kTimeout) return tl::make_unexpected(repeated.error());
   return fault(FaultKind::kTimeout, {},
                "unit " + std::to_string(unit) +
                    " is silent and still owes an answer; is it powered and its cable in place?");
 }
 
-Result<Bytes> RtuLink::ask(int unit, const Request& request, double deadline_s) {
-  if (auto silent = await_silence(deadline_s); !silent) return tl::make_unexpected(silent.error());
+Result<void> RtuLink::send(int unit, const Request& request, double deadline_s) {
+  if (auto silent = await_silence(deadline_s); !silent) return silent;
   const Bytes frame = rtu_frame(unit, request.pdu);
-  if (auto sent = port_.write(frame, deadline_s); !sent) return tl::make_unexpected(sent.error());
+  if (auto sent = port_.write(frame, deadline_s); !sent) return sent;
   quiet_since_s_ = wire_time_s() + static_cast<double>(frame.size()) * character_s_;
-  return await_answer(unit, request, deadline_s);
+  return {};
 }
 
 Result<Bytes> RtuLink::await_answer(int unit, const Request& request, double deadline_s) {

@@ -30,17 +30,23 @@ class RtuLink final : public ModbusLink {
   int strays() const override { return strays_; }
 
  private:
-  Result<modbus_pdu::Bytes> ask(int unit, const modbus_pdu::Request& request, double deadline_s);
+  /// A unit that owes an answer.
+  struct Owed {
+    double since_s = 0;       ///< When it was asked.
+    uint16_t last_check = 0;  ///< The last line check before that.
+  };
+
+  Result<void> send(int unit, const modbus_pdu::Request& request, double deadline_s);
   Result<modbus_pdu::Bytes> await_answer(int unit, const modbus_pdu::Request& request, double deadline_s);
   Result<void> settle(int unit, double deadline_s);
   Result<void> await_silence(double deadline_s);
 
   SerialPort port_;
   const double character_s_;
-  const double silence_s_;              ///< Between two frames: 3.5 characters, 1.75 ms from 19200 baud on.
-  std::map<int, double> owed_since_s_;  ///< Units that owe an answer, and when they were asked.
-  double quiet_since_s_ = 0;            ///< When the last byte, ours or theirs, was off the line.
-  uint16_t check_ = 0;
+  const double silence_s_;    ///< Between two frames: 3.5 characters, 1.75 ms from 19200 baud on.
+  std::map<int, Owed> owed_;  ///< By unit.
+  double quiet_since_s_ = 0;  ///< When the last byte, ours or theirs, was off the line.
+  uint16_t last_check_ = 0;   ///< Each line check has a number of its own.
   int openings_ = 0;
   int strays_ = 0;
 };

@@ -37,7 +37,7 @@ class FourKinds : public testing::Test {
       config.profile = profile;
       config.unit = static_cast<int>(axes_.size()) + 1;
       config.counts_per_axis_unit = counts;
-      config.response_timeout_s = 1.2;
+      config.response_timeout_s = 0.5;
       axes_.push_back(std::make_unique<Axis>(make_modbus_drive(config, bus_, clock_), AxisKind::kLinear,
                                              kLimits, clock_));
     }

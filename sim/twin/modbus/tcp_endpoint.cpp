@@ -77,11 +77,12 @@ void TcpEndpoint::serve() {
       continue;
     }
     send_due();
-    std::vector<Client> kept;
-    for (size_t i = 0; i < clients_.size(); ++i) {
-      if (!polled[i + 2].revents || serve_client(clients_[i])) kept.push_back(std::move(clients_[i]));
-    }
-    clients_ = std::move(kept);
+    std::vector<int> gone;
+    for (size_t i = 0; i < clients_.size(); ++i)
+      if (polled[i + 2].revents && !serve_client(clients_[i])) gone.push_back(clients_[i].number);
+    std::erase_if(clients_, [&](const Client& client) {
+      return std::find(gone.begin(), gone.end(), client.number) != gone.end();
+    });
     if (polled[1].revents) accept_clients();
   }
 }
@@ -125,9 +126,8 @@ void TcpEndpoint::send_due() {
     const auto client = std::find_if(clients_.begin(), clients_.end(),
                                      [&](const Client& c) { return c.number == reply->client; });
     // A client that does not read loses its connection; its socket's buffer is full.
-    if (client != clients_.end() && client->socket.get() >= 0 &&
-        ::send(client->socket.get(), reply->frame.data(), reply->frame.size(), MSG_NOSIGNAL) !=
-            static_cast<ssize_t>(reply->frame.size()))
+    if (client != clients_.end() && ::send(client->socket.get(), reply->frame.data(), reply->frame.size(),
+                                           MSG_NOSIGNAL) != static_cast<ssize_t>(reply->frame.size()))
       ::shutdown(client->socket.get(), SHUT_RDWR);
   }
 }

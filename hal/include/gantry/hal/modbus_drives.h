@@ -51,7 +51,7 @@ struct ModbusDriveConfig {
   double counts_per_motor_revolution = 0;
   /// Band around the target that counts as arrived, mm or rad. IAI: the drive is told it.
   double in_position = 0.05;
-  double response_timeout_s = 0.3;  ///< For one exchange, reopening the connection included.
+  double response_timeout_s = 0.3;  ///< For one attempt, reopening the connection included.
 };
 
 /// `bus` may be null: the drive then has a TCP connection of its own. Throws InputError when the
