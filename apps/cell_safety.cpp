@@ -29,7 +29,7 @@ SafetyDevices make_safety_devices(const CellSafety& safety, Clock& clock) {
     config.response_timeout_s = safety.module.response_timeout_s;
     inputs = make_modbus_safety_inputs(config, nullptr);
   }
-  devices.channel = std::make_shared<SafetyInputsChannel>(std::move(inputs), clock, safety.poll_s);
+  devices.channel = std::make_shared<SafetyInputsChannel>(std::move(inputs), clock);
   devices.permit = std::make_unique<SafetyPermit>(safety.chain, devices.channel);
   return devices;
 }

@@ -12,7 +12,7 @@ namespace gantry {
 /// yet: the first service() of the channel is.
 struct SafetyDevices {
   std::unique_ptr<SafetyContacts> contacts;      ///< Only when they are simulated in this process.
-  std::shared_ptr<SafetyInputsChannel> channel;  ///< service() reads every CellSafety::poll_s.
+  std::shared_ptr<SafetyInputsChannel> channel;  ///< To be serviced every CellSafety::poll_s.
   std::unique_ptr<SafetyPermit> permit;
 };
 

@@ -4,14 +4,11 @@
 
 namespace gantry {
 
-SafetyInputsChannel::SafetyInputsChannel(std::unique_ptr<SafetyInputs> inputs, Clock& clock,
-                                         double interval_s)
-    : inputs_(std::move(inputs)), clock_(clock), interval_s_(interval_s) {}
+SafetyInputsChannel::SafetyInputsChannel(std::unique_ptr<SafetyInputs> inputs, Clock& clock)
+    : inputs_(std::move(inputs)), clock_(clock) {}
 
 void SafetyInputsChannel::service() {
   const double asked_at_s = clock_.now_s();
-  if (asked_at_s_ && asked_at_s - *asked_at_s_ < interval_s_) return;
-  asked_at_s_ = asked_at_s;
   Result<std::vector<bool>> levels = inputs_->read();
   if (levels && levels->size() > SafetyInputsSnapshot::kMaxChannels)
     levels = fault(FaultKind::kProtocol, inputs_->device(),

@@ -5,7 +5,6 @@
 #include <cstdint>
 #include <memory>
 #include <mutex>
-#include <optional>
 #include <string>
 #include <vector>
 
@@ -47,13 +46,11 @@ struct SafetyInputsHealth {
 /// Stands between the thread that talks to the I/O module and the loop that must not wait: service() does
 /// the blocking exchange and publishes what it read; latest() copies the last good reading and never waits
 /// for I/O. A failed exchange publishes nothing: the reading grows old, and whoever uses it judges its age.
-/// Thread-safe but for service().
+/// Thread-safe.
 class SafetyInputsChannel {
  public:
-  /// `interval_s`: how often the inputs are read at most, however often service() is called.
-  SafetyInputsChannel(std::unique_ptr<SafetyInputs> inputs, Clock& clock, double interval_s = 0);
+  SafetyInputsChannel(std::unique_ptr<SafetyInputs> inputs, Clock& clock);
 
-  /// One exchange, or nothing when the last one began less than the interval ago. Of one thread.
   void service();
   SafetyInputsSnapshot latest() const;
   SafetyInputsHealth health() const;
@@ -62,9 +59,7 @@ class SafetyInputsChannel {
  private:
   std::unique_ptr<SafetyInputs> inputs_;
   Clock& clock_;
-  const double interval_s_;
-  std::optional<double> asked_at_s_;  ///< When the last exchange began.
-  mutable std::mutex mutex_;          ///< Held for copies only.
+  mutable std::mutex mutex_;  ///< Held for copies only.
   SafetyInputsSnapshot latest_;
   SafetyInputsHealth health_;
 };
