@@ -59,7 +59,6 @@ struct Collision {
 /// distance from its axis. Distances between meshes are FCL's, exact between triangles.
 ///
 /// Pairs on the same carriage do not move against each other and are not checked, nor are two fixed bodies.
-/// A const model may be used by several threads.
 class CollisionModel {
  public:
   /// Throws InputError naming the body or option that cannot be right.
