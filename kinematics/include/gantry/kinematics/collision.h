@@ -53,13 +53,12 @@ struct Collision {
 
 /// The bodies of a cell and whether they meet when the joints move together in a straight line in joint
 /// space. Nothing is missed between samples: conservative advancement (Mirtich, Impulse-based Dynamic
-/// Simulation of Rigid Body Systems, 1996, 2.3) steps only as far as the present distance of two bodies,
+/// Simulation of Rigid Body Systems, 1996) steps only as far as the present distance of two bodies,
 /// divided by a bound on how fast any point of the one can move against the other, proves to be free. The
 /// bound: a prismatic joint moves points by its own travel; a revolute one by its angle times their largest
 /// distance from its axis. Distances between meshes are FCL's, exact between triangles.
 ///
 /// Pairs on the same carriage do not move against each other and are not checked, nor are two fixed bodies.
-/// A const model may be used by several threads.
 class CollisionModel {
  public:
   /// Throws InputError naming the body or option that cannot be right.
