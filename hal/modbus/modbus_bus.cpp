@@ -40,7 +40,7 @@ Result<Bytes> ModbusBus::transact(int unit, const Request& request, double timeo
                  "the gateway reaches no unit " + std::to_string(unit) + " " + exception +
                      "; is the drive powered and its unit in CELL.yaml right?");
   return fault(FaultKind::kRefused, {},
-               "the drive refused the " + modbus_pdu::describe(request.pdu) + " " + exception);
+               "the device refused the " + modbus_pdu::describe(request.pdu) + " " + exception);
 }
 
 Result<Bytes> ModbusBus::exchange_once(int unit, const Request& request, double deadline_s, bool retry) {

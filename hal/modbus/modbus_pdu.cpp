@@ -76,7 +76,7 @@ std::string describe(const Bytes& request_pdu) {
       case kReadCoils:
         return "read of coil";
       case kReadDiscreteInputs:
-        return "read of input";
+        return "read of discrete input";
       case kReadRegisters:
         return "read of register";
       case kReadInputRegisters:

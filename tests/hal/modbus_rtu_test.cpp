@@ -69,7 +69,7 @@ TEST_F(RtuBus, ReadsAndWritesOfSeveralUnits) {
   ASSERT_FALSE(refused);
   EXPECT_EQ(refused.error().kind, FaultKind::kRefused);
   EXPECT_EQ(refused.error().message,
-            "the drive refused the read of register 7000h (exception 2, illegal data address)");
+            "the device refused the read of register 7000h (exception 2, illegal data address)");
 }
 
 // A lost answer, then another read of the same shape: whenever the late one comes, it is not taken for it.

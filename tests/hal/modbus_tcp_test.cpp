@@ -245,12 +245,12 @@ TEST(ModbusWire, AnExceptionNamesRegisterAndReasonAndKeepsTheConnection) {
   ASSERT_FALSE(refused);
   EXPECT_EQ(refused.error().kind, FaultKind::kRefused);
   EXPECT_EQ(refused.error().message,
-            "the drive refused the read of register 9000h (exception 2, illegal data address)");
+            "the device refused the read of register 9000h (exception 2, illegal data address)");
   code = 3;
   refused = drive->halt();
   ASSERT_FALSE(refused);
   EXPECT_EQ(refused.error().message,
-            "the drive refused the write to coil 042Ch (exception 3, illegal data value)");
+            "the device refused the write to coil 042Ch (exception 3, illegal data value)");
   code = 0x0B;
   refused = drive->connect();
   ASSERT_FALSE(refused);
