@@ -62,7 +62,8 @@ CellDevices make_devices(const Cell& cell, const std::optional<std::filesystem::
       if (settings.kind == AxisKind::kLinear) config.in_position_mm = settings.limits.in_position;
       auto& bus = buses[{config.host, config.port}];
       if (!bus) bus = make_modbus_bus(config.host, config.port);
-      options.bus_of_axis.push_back(bus_numbers.emplace(std::pair{config.host, config.port}, i).first->second);
+      options.bus_of_axis.push_back(
+          bus_numbers.emplace(std::pair{config.host, config.port}, i).first->second);
       drive = make_modbus_drive(config, bus, clock);
       devices.simulated = devices.simulated || on_loopback(config.host);
     }

@@ -141,15 +141,18 @@ void show(const nlohmann::json& status, bool json, bool redraw, bool first) {
 /// What the process that controls the cell says of it.
 nlohmann::json status_of_holder(const Cell& cell, const Fault& busy) {
   const auto text = CellSession::published(cell.file);
-  if (!text) throw DeviceError(Fault{busy.kind, busy.device, busy.message + " (it has not told its status yet)"});
+  if (!text)
+    throw DeviceError(Fault{busy.kind, busy.device, busy.message + " (it has not told its status yet)"});
   const nlohmann::json status = nlohmann::json::parse(*text, nullptr, false);
-  if (!status.is_object()) throw DeviceError(Fault{FaultKind::kProtocol, busy.device, "its status cannot be read"});
+  if (!status.is_object())
+    throw DeviceError(Fault{FaultKind::kProtocol, busy.device, "its status cannot be read"});
   return status;
 }
 
 }  // namespace
 
-std::optional<CellSession> take_control(const Cell& cell, const CellDevices& devices, const std::string& command) {
+std::optional<CellSession> take_control(const Cell& cell, const CellDevices& devices,
+                                        const std::string& command) {
   if (devices.axes_in_process) return std::nullopt;
   auto session = CellSession::open(cell.file, command);
   if (!session) throw DeviceError(session.error());
@@ -158,7 +161,8 @@ std::optional<CellSession> take_control(const Cell& cell, const CellDevices& dev
 
 void publish_status(std::optional<CellSession>& session, const Cell& cell, const Motion& motion,
                     const std::string& command) {
-  if (session) session->publish([&cell, &motion, command] { return status_json(cell, motion, command).dump(); });
+  if (session)
+    session->publish([&cell, &motion, command] { return status_json(cell, motion, command).dump(); });
 }
 
 Result<void> power_up(Motion& motion) {
@@ -172,13 +176,13 @@ MotionCommands::MotionCommands(CLI::App& app) {
     command->add_option("--cell", cell_, "CELL.yaml")->required();
     return command;
   };
-  home_ = with_cell(app.add_subcommand(
-      "home", "Power and home the axes in the order of CELL.yaml\nExample: gantry-cell home --cell CELL.yaml --axis tilt"));
+  home_ = with_cell(app.add_subcommand("home",
+                                       "Power and home the axes in the order of CELL.yaml\nExample: "
+                                       "gantry-cell home --cell CELL.yaml --axis tilt"));
   home_->add_option("--axis", axes_, "Only this axis; may be repeated");
-  jog_ = with_cell(app.add_subcommand(
-      "jog",
-      "Move one axis by hand: hold an arrow key, or --by\n"
-      "Example: gantry-cell jog --cell CELL.yaml --axis tilt --by -2.5"));
+  jog_ = with_cell(app.add_subcommand("jog",
+                                      "Move one axis by hand: hold an arrow key, or --by\n"
+                                      "Example: gantry-cell jog --cell CELL.yaml --axis tilt --by -2.5"));
   jog_->add_option("--axis", axis_, "The axis to move")->required();
   jog_->add_option("--by", by_, "So far (mm or degrees), and end; without it: keys")
       ->check(number_within(-1e5, 1e5));
@@ -186,7 +190,8 @@ MotionCommands::MotionCommands(CLI::App& app) {
       "status", "Show the axes and the control loop; of a cell that another process runs, its live figures"));
   status_->add_flag("--watch", watch_, "Go on showing until Ctrl-C");
   status_->add_flag("--json", json_, "Print as JSON, one line each time");
-  reset_ = with_cell(app.add_subcommand("reset", "Clear errors and drive alarms whose cause is gone; powers nothing"));
+  reset_ = with_cell(
+      app.add_subcommand("reset", "Clear errors and drive alarms whose cause is gone; powers nothing"));
 }
 
 ExitCode MotionCommands::run() {

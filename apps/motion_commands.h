@@ -14,14 +14,15 @@ namespace gantry {
 
 /// Takes the cell for this process. Throws DeviceError naming the holder when another process has it.
 /// Nothing for a cell that lives in this process alone.
-std::optional<CellSession> take_control(const Cell& cell, const CellDevices& devices, const std::string& command);
+std::optional<CellSession> take_control(const Cell& cell, const CellDevices& devices,
+                                        const std::string& command);
 
 /// Lets other processes' `gantry-cell status` see the axes. Both must stay until the session ends.
 void publish_status(std::optional<CellSession>& session, const Cell& cell, const Motion& motion,
                     const std::string& command);
 
-/// Powers the axes at an operator's command, which is also the reset edge of a latched safety chain; that takes
-/// it only when every input is closed.
+/// Powers the axes at an operator's command, which is also the reset edge of a latched safety chain; that
+/// takes it only when every input is closed.
 Result<void> power_up(Motion& motion);
 
 /// `gantry-cell home | jog | status | reset`.

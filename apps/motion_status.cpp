@@ -17,7 +17,8 @@ void append(std::string& text, const char* format, Values... values) {
   text += line;
 }
 
-nlohmann::json axis_json(const Axis& axis, const AxisStatus& status, const AxisFigures& figures, double now_s) {
+nlohmann::json axis_json(const Axis& axis, const AxisStatus& status, const AxisFigures& figures,
+                         double now_s) {
   const DriveStatus& drive = status.drive;
   const bool rotary = axis.kind() == AxisKind::kRotary;
   const double scale = rotary ? 180 / std::numbers::pi : 1;
@@ -27,7 +28,8 @@ nlohmann::json axis_json(const Axis& axis, const AxisStatus& status, const AxisF
   json["unit"] = rotary ? "deg" : "mm";
   json["position"] = figures.drive.read ? nlohmann::json(drive.position * scale) : nlohmann::json();
   json["target"] = status.target * scale;
-  json["following_error"] = drive.following_error ? nlohmann::json(*drive.following_error * scale) : nlohmann::json();
+  json["following_error"] =
+      drive.following_error ? nlohmann::json(*drive.following_error * scale) : nlohmann::json();
   json["servo_on"] = drive.servo_on;
   json["homed"] = drive.homed;
   json["moving"] = drive.moving;
@@ -57,7 +59,9 @@ nlohmann::json loop_json(const Motion& motion, double period_s) {
 }
 
 const char* stop_words(StopCategory stop) {
-  return stop == StopCategory::kNone ? "none" : stop == StopCategory::kCategory0 ? "category 0" : "category 1";
+  return stop == StopCategory::kNone        ? "none"
+         : stop == StopCategory::kCategory0 ? "category 0"
+                                            : "category 1";
 }
 
 std::string flags_of(const nlohmann::json& axis) {
@@ -96,8 +100,8 @@ nlohmann::json status_json(const Cell& cell, const Motion& motion, const std::st
 
 std::string status_table(const nlohmann::json& status) {
   std::string text;
-  append(text, "  %-10s %-15s %14s %14s  %-5s  %-5s  %-6s  %s\n", "axis", "state", "position", "target", "servo",
-         "homed", "moving", "alarms and limits");
+  append(text, "  %-10s %-15s %14s %14s  %-5s  %-5s  %-6s  %s\n", "axis", "state", "position", "target",
+         "servo", "homed", "moving", "alarms and limits");
   for (const nlohmann::json& axis : status.at("axes")) {
     const std::string unit = axis.at("unit");
     const bool homed = axis.at("homed").get<bool>();
@@ -107,15 +111,15 @@ std::string status_table(const nlohmann::json& status) {
       std::snprintf(figure, sizeof figure, "%.3f %s", number.get<double>(), unit.c_str());
       return std::string(figure);
     };
-    append(text, "  %-10s %-15s %14s %14s  %-5s  %-5s  %-6s  %s\n", axis.at("axis").get<std::string>().c_str(),
-           axis.at("state").get<std::string>().c_str(), value(axis.at("position")).c_str(),
-           value(axis.at("target")).c_str(), axis.at("servo_on").get<bool>() ? "on" : "off", homed ? "yes" : "no",
+    append(text, "  %-10s %-15s %14s %14s  %-5s  %-5s  %-6s  %s\n",
+           axis.at("axis").get<std::string>().c_str(), axis.at("state").get<std::string>().c_str(),
+           value(axis.at("position")).c_str(), value(axis.at("target")).c_str(),
+           axis.at("servo_on").get<bool>() ? "on" : "off", homed ? "yes" : "no",
            axis.at("moving").get<bool>() ? "yes" : "no", flags_of(axis).c_str());
   }
   for (const nlohmann::json& axis : status.at("axes")) {
     const std::string error = axis.at("error");
-    if (!error.empty())
-      text += "  " + axis.at("drive").get<std::string>() + ": " + error + "\n";
+    if (!error.empty()) text += "  " + axis.at("drive").get<std::string>() + ": " + error + "\n";
   }
   if (status.at("required_stop") != "none")
     text += "  safety chain: stop " + status.at("required_stop").get<std::string>() + "\n";
@@ -126,12 +130,14 @@ std::string status_table(const nlohmann::json& status) {
            "  loop: %.0f ms, %llu cycles, %llu missed; late by %.0f us (median), %.0f (p99), %.0f (max); "
            "busy %.0f, %.0f, %.0f us\n",
            loop.at("period_ms").get<double>(), loop.at("cycles").get<unsigned long long>(),
-           loop.at("missed").get<unsigned long long>(), late.at("p50").get<double>(), late.at("p99").get<double>(),
-           late.at("max").get<double>(), busy.at("p50").get<double>(), busy.at("p99").get<double>(),
-           busy.at("max").get<double>());
-    append(text, "  real time: %s, memory %s%s%s\n", loop.at("sched_fifo").get<bool>() ? "SCHED_FIFO" : "ordinary",
+           loop.at("missed").get<unsigned long long>(), late.at("p50").get<double>(),
+           late.at("p99").get<double>(), late.at("max").get<double>(), busy.at("p50").get<double>(),
+           busy.at("p99").get<double>(), busy.at("max").get<double>());
+    append(text, "  real time: %s, memory %s%s%s\n",
+           loop.at("sched_fifo").get<bool>() ? "SCHED_FIFO" : "ordinary",
            loop.at("memory_locked").get<bool>() ? "locked" : "not locked",
-           loop.at("note").get<std::string>().empty() ? "" : "; ", loop.at("note").get<std::string>().c_str());
+           loop.at("note").get<std::string>().empty() ? "" : "; ",
+           loop.at("note").get<std::string>().c_str());
   }
   for (const nlohmann::json& remark : status.at("remarks")) text += "  " + remark.get<std::string>() + "\n";
   return text;

@@ -27,10 +27,10 @@ struct DriveStatus {
   bool moving = false;
   bool in_position = false;  ///< The drive's own opinion that the last move has ended at its target.
   bool emergency_stop = false;
-  std::optional<int> alarm;  ///< The drive's alarm code while one is pending.
+  std::optional<int> alarm;               ///< The drive's alarm code while one is pending.
   std::optional<double> following_error;  ///< Commanded minus actual position, where the drive tells it.
   bool lower_limit = false, upper_limit = false;  ///< Hard limit switches as the drive sees them.
-  double sampled_at_s = 0;   ///< By the injected clock.
+  double sampled_at_s = 0;                        ///< By the injected clock.
 };
 
 struct MoveCommand {
