@@ -34,8 +34,8 @@ AxisSettings read_axis(StrictYaml yaml, const Joint& joint, const std::vector<Bu
   axis.limits.jog_speed = optional("jog_speed" + unit + "_s", 0, fastest);
   axis.limits.unhomed_jog_speed = optional("unhomed_jog_speed" + unit + "_s", 0, fastest);
   axis.limits.following_error = optional("following_error" + unit, 0, 1e4);
-  axis.limits.following_error_at_rest = optional("following_error_at_rest" + unit,
-                                                 axis.limits.following_error / 2, axis.limits.following_error / scale);
+  axis.limits.following_error_at_rest = optional(
+      "following_error_at_rest" + unit, axis.limits.following_error / 2, axis.limits.following_error / scale);
   axis.limits.following_error_time_s = motion.number_or("following_error_time_s", 0.1, {0, 60});
   if (motion.has("approach")) {
     const std::string side = motion.choice("approach", {"any", "from_below", "from_above"});
@@ -58,8 +58,8 @@ AxisSettings read_axis(StrictYaml yaml, const Joint& joint, const std::vector<Bu
 /// `axis: tilt` and, as an option, `offset_deg: 1.5`: where the axis is when the drive has homed.
 std::string read_homing_step(StrictYaml step, Cell& cell) {
   const std::string name = step.text("axis");
-  const auto axis = std::find_if(cell.axes.begin(), cell.axes.end(),
-                                 [&](const AxisSettings& a) { return a.name == name; });
+  const auto axis =
+      std::find_if(cell.axes.begin(), cell.axes.end(), [&](const AxisSettings& a) { return a.name == name; });
   if (axis == cell.axes.end()) step.fail("axis", "there is no axis '" + name + "'");
   for (const auto& group : cell.homing_order)
     if (std::count(group.begin(), group.end(), name)) step.fail("axis", "axis '" + name + "' is homed twice");

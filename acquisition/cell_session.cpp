@@ -118,7 +118,8 @@ Result<CellSession> CellSession::open(const std::filesystem::path& cell_file, co
     std::this_thread::sleep_for(std::chrono::milliseconds(20));
   }
   const std::string who = command + " (process " + std::to_string(::getpid()) + ")";
-  if (::ftruncate(lock, 0) != 0 || ::pwrite(lock, who.data(), who.size(), 0) != static_cast<ssize_t>(who.size()))
+  if (::ftruncate(lock, 0) != 0 ||
+      ::pwrite(lock, who.data(), who.size(), 0) != static_cast<ssize_t>(who.size()))
     throw InputError(path.string() + ": cannot be written: " + std::strerror(errno));
   const std::filesystem::path status_file = file_of(cell_file, ".json");
   std::error_code ignored;

@@ -232,7 +232,8 @@ Result<void> Motion::connect() {
         remarks_.push_back(axis->name() + ": " + set.error().message);
     }
     if (options_.threads)
-      threads_ = std::make_unique<MotionThreads>(supervisor_, options_.bus_of_axis, options_.services, clock_);
+      threads_ =
+          std::make_unique<MotionThreads>(supervisor_, options_.bus_of_axis, options_.services, clock_);
     connected_ = true;
   }
   turn();
@@ -402,8 +403,9 @@ Result<void> Motion::start_jog(size_t axis, int direction) {
   request.command = AxisTrigger::kJog;
   request.axes = axis_bit(axis);
   request.hold_to_run = true;
-  const double end = drive.homed ? (direction < 0 ? limits.lower : limits.upper)
-                                 : drive.position + direction * kUnhomedJog_s * limits.unhomed_jogging_speed();
+  const double end = drive.homed
+                         ? (direction < 0 ? limits.lower : limits.upper)
+                         : drive.position + direction * kUnhomedJog_s * limits.unhomed_jogging_speed();
   request.moves[axis] = {end, limits.jogging_speed(), limits.acceleration};
   return send(request);
 }
@@ -414,8 +416,9 @@ Result<std::vector<double>> Motion::read_positions() {
     turn();
     if (auto fine = watch(); !fine) return tl::make_unexpected(fine.error());
     const SupervisorStatus status = supervisor_.status();
-    const auto late = std::find_if(status.axes.begin(), status.axes.begin() + static_cast<long>(axes_.size()),
-                                   [&](const AxisFigures& a) { return a.drive.status.sampled_at_s < begin_s; });
+    const auto late =
+        std::find_if(status.axes.begin(), status.axes.begin() + static_cast<long>(axes_.size()),
+                     [&](const AxisFigures& a) { return a.drive.status.sampled_at_s < begin_s; });
     const auto axis = static_cast<size_t>(late - status.axes.begin());
     if (axis == axes_.size()) return positions();
     if (clock_.now_s() > begin_s + kReadingWithin_s)
@@ -429,8 +432,9 @@ Result<void> Motion::reset() {
   if (auto taken = send(request); !taken) return taken;
   for (;;) {
     const SupervisorStatus status = supervisor_.status();
-    const bool pending = std::any_of(status.axes.begin(), status.axes.begin() + static_cast<long>(axes_.size()),
-                                     [](const AxisFigures& axis) { return axis.pending; });
+    const bool pending =
+        std::any_of(status.axes.begin(), status.axes.begin() + static_cast<long>(axes_.size()),
+                    [](const AxisFigures& axis) { return axis.pending; });
     if (!pending) break;
     turn();
   }

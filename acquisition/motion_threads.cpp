@@ -90,8 +90,8 @@ MotionThreads::MotionThreads(Supervisor& supervisor, const std::vector<size_t>& 
   };
   for (const IoService& other : services) thread_of(other.bus).add(other.service);
   for (size_t i = 0; i < supervisor.axes().size(); ++i) {
-    thread_of(bus_of_axis[i]).add(supervisor.axes()[i]->channel(), supervisor.heartbeat(),
-                                  supervisor.settings().stall_limit_s);
+    thread_of(bus_of_axis[i])
+        .add(supervisor.axes()[i]->channel(), supervisor.heartbeat(), supervisor.settings().stall_limit_s);
   }
   for (auto& io : io_) io->start();
   loop_ = std::make_unique<RealTimeLoop>(supervisor.settings().period_s, kLoopPriority,

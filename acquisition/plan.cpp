@@ -26,8 +26,8 @@ std::vector<double> read_joints(StrictYaml yaml, const Cell& cell) {
       char text[160];
       std::snprintf(text, sizeof text, "%.3f lies outside the soft limits of axis %s%s, %.3f to %.3f %s",
                     value * scale, axis.name.c_str(),
-                    axis.approach == Approach::kAny ? "" : " less the way of approach", axis.lowest_target() * scale,
-                    axis.highest_target() * scale, linear ? "mm" : "deg");
+                    axis.approach == Approach::kAny ? "" : " less the way of approach",
+                    axis.lowest_target() * scale, axis.highest_target() * scale, linear ? "mm" : "deg");
       yaml.fail(key, text);
     }
     q.push_back(value);

@@ -68,7 +68,8 @@ std::string become_real_time(int priority) {
   parameters.sched_priority = priority;
   const int error = pthread_setschedparam(pthread_self(), SCHED_FIFO, &parameters);
   if (error == 0) return {};
-  return std::string("no SCHED_FIFO: ") + std::strerror(error) + " (RLIMIT_RTPRIO or CAP_SYS_NICE would permit it)";
+  return std::string("no SCHED_FIFO: ") + std::strerror(error) +
+         " (RLIMIT_RTPRIO or CAP_SYS_NICE would permit it)";
 }
 
 RealTimeLoop::RealTimeLoop(double period_s, int priority, std::function<void()> cycle)

@@ -77,7 +77,8 @@ void Supervisor::couple(double now_s) {
     next_.first_failed = i;
     for (size_t k = 0; k < axes_.size(); ++k) {
       if (k == i) continue;
-      axes_[k]->machine().abort({AxisReason::kOtherAxis, static_cast<int>(i)}, AxisMachine::Torque::kKeep, now_s);
+      axes_[k]->machine().abort({AxisReason::kOtherAxis, static_cast<int>(i)}, AxisMachine::Torque::kKeep,
+                                now_s);
       was_in_error_[k] = axes_[k]->machine().state() == AxisState::kErrorStop;
     }
   }
@@ -89,8 +90,8 @@ void Supervisor::obey_permit(double now_s) {
   const bool at_once = required_ == StopCategory::kCategory0;
   const AxisError error{AxisReason::kSafety, at_once ? 0 : 1};
   for (size_t i = 0; i < axes_.size(); ++i) {
-    axes_[i]->machine().abort(error, at_once ? AxisMachine::Torque::kOffAtOnce : AxisMachine::Torque::kOffAtRest,
-                              now_s);
+    axes_[i]->machine().abort(
+        error, at_once ? AxisMachine::Torque::kOffAtOnce : AxisMachine::Torque::kOffAtRest, now_s);
     was_in_error_[i] = axes_[i]->machine().state() == AxisState::kErrorStop;
   }
 }

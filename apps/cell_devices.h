@@ -26,8 +26,8 @@ struct CellDevices {
   bool axes_in_process = false;
 };
 
-/// Motion runs on `threads` of its own, in real time, or as its caller waits. `part` replaces the mesh that the simulation section names. Throws InputError when the cell needs a
-/// simulation section and has none.
+/// Motion runs on `threads` of its own, in real time, or as its caller waits. `part` replaces the mesh that
+/// the simulation section names. Throws InputError when the cell needs a simulation section and has none.
 CellDevices make_devices(const Cell& cell, const std::optional<std::filesystem::path>& part, uint64_t seed,
                          Clock& clock, bool threads = true);
 

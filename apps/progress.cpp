@@ -4,8 +4,7 @@
 
 namespace gantry {
 
-void Progress::axes(const std::vector<std::unique_ptr<Axis>>& axes,
-                    const std::vector<AxisStatus>& statuses) {
+void Progress::axes(const std::vector<std::unique_ptr<Axis>>& axes, const std::vector<AxisStatus>& statuses) {
   if (!enabled_) return;
   std::lock_guard lock(mutex_);
   axes_.clear();

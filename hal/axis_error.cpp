@@ -80,8 +80,8 @@ std::string describe(const AxisError& error, AxisKind kind) {
     case AxisReason::kNotStopped:
       return "did not come to a standstill after stop";
     case AxisReason::kFollowingError:
-      return "the following error of " + position(error.value) + " exceeds the allowed " + position(error.limit) +
-             "; is the axis blocked, or the encoder loose?";
+      return "the following error of " + position(error.value) + " exceeds the allowed " +
+             position(error.limit) + "; is the axis blocked, or the encoder loose?";
     case AxisReason::kLimitSwitch:
       return std::string("ran onto its ") + (error.code < 0 ? "lower" : "upper") + " limit switch";
     case AxisReason::kSoftLimit:

@@ -36,7 +36,8 @@ void require_sound(const AxisLimits& limits, const std::string& who) {
           "the jog speed must lie between 0 and the speed");
   require(limits.unhomed_jog_speed >= 0 && limits.unhomed_jog_speed <= limits.speed,
           "the jog speed before homing must lie between 0 and the speed");
-  require(limits.following_error >= 0 && limits.following_error_at_rest >= 0 && limits.following_error_time_s >= 0,
+  require(limits.following_error >= 0 && limits.following_error_at_rest >= 0 &&
+              limits.following_error_time_s >= 0,
           "following error and its time must not be negative");
   require(limits.following_error_at_rest <= limits.following_error || limits.following_error == 0,
           "the following error allowed at rest must not exceed the one allowed at full speed");
@@ -64,8 +65,8 @@ bool AxisMachine::post(DriveAction action, double now_s, const MoveCommand& move
 // ---- Commands ---------------------------------------------------------------------------------
 
 AxisRefusal AxisMachine::check(AxisTrigger command) const {
-  const bool busy = (command == AxisTrigger::kEnable && enabling()) ||
-                    (command == AxisTrigger::kReset && resetting());
+  const bool busy =
+      (command == AxisTrigger::kEnable && enabling()) || (command == AxisTrigger::kReset && resetting());
   return next_state(state_, command) && !busy ? AxisRefusal::kNone : AxisRefusal::kWrongState;
 }
 
@@ -163,8 +164,7 @@ AxisRefusal AxisMachine::reset(double now_s) {
 void AxisMachine::fail(const AxisError& error, Torque torque, double now_s) {
   const bool was_powered = is_powered(state_);
   const bool was_enabling = pending_ == Pending::kEnable;
-  if (state_ != AxisState::kErrorStop || error_.reason == AxisReason::kNone ||
-      (pending_ == Pending::kReset))
+  if (state_ != AxisState::kErrorStop || error_.reason == AxisReason::kNone || (pending_ == Pending::kReset))
     error_ = error;
   pending_ = Pending::kNone;
   follow(AxisTrigger::kFault);
@@ -220,7 +220,8 @@ void AxisMachine::follow_up_error(double now_s) {
 
 double AxisMachine::allowed_following_error() const {
   const double share = std::min(1.0, std::abs(velocity_) / limits_.speed);
-  return limits_.following_error_at_rest + share * (limits_.following_error - limits_.following_error_at_rest);
+  return limits_.following_error_at_rest +
+         share * (limits_.following_error - limits_.following_error_at_rest);
 }
 
 // What can go wrong while the motor holds or moves the axis.

@@ -255,8 +255,9 @@ void SimulatedStage::clear(StageFault fault, double now_s) {
       if (servo_on_ && !runaway_ramp_) {
         const double wanted = program_.empty() ? ramp_.end : program_.back().end;
         const bool was_move = reached_target_;
-        replace_ramp(StageRamp::move(stuck_at_, wanted, dynamics_.max_speed, dynamics_.max_acceleration, now_s),
-                     now_s);
+        replace_ramp(
+            StageRamp::move(stuck_at_, wanted, dynamics_.max_speed, dynamics_.max_acceleration, now_s),
+            now_s);
         previous_ = StageRamp::at_rest(stuck_at_, now_s);
         reached_target_ = was_move;
       } else {

@@ -38,7 +38,8 @@ TEST_F(CellSessionTest, OneProcessHasACellAndTheNextIsToldWho) {
     std::ofstream(folder_ / "other.yaml") << "cell";
     EXPECT_TRUE(CellSession::open(folder_ / "other.yaml", "gantry-cell run", 0)) << "another cell is free";
     std::filesystem::create_symlink(cell_, folder_ / "link.yaml");
-    EXPECT_FALSE(CellSession::open(folder_ / "link.yaml", "gantry-cell run", 0)) << "the same cell by another name";
+    EXPECT_FALSE(CellSession::open(folder_ / "link.yaml", "gantry-cell run", 0))
+        << "the same cell by another name";
   }
   EXPECT_TRUE(CellSession::open(cell_, "gantry-cell home", 0)) << "free again";
 }

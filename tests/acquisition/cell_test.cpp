@@ -69,8 +69,11 @@ TEST(Cell, MotionHomingAndSupervisorAreReadWithTheirDefaults) {
           "      following_error_deg: 0.5\n      following_error_at_rest_deg: 0.1\n"
           "      following_error_time_s: 0.2\n      approach: from_above\n      approach_distance_deg: 2\n");
   replace("    - axis: linear\n    - axis: tilt\n    - axis: rotation\n",
-          "    - { axis: linear, offset_mm: -3 }\n    - together: [ { axis: tilt, offset_deg: 1 }, { axis: rotation } ]\n");
-  text += "\nsupervisor: { period_ms: 5, stall_limit_s: 0.1, dead_man_s: 0.4, data_limit_s: 0.25, drive_timeout_s: 1 }\n";
+          "    - { axis: linear, offset_mm: -3 }\n    - together: [ { axis: tilt, offset_deg: 1 }, { axis: "
+          "rotation } ]\n");
+  text +=
+      "\nsupervisor: { period_ms: 5, stall_limit_s: 0.1, dead_man_s: 0.4, data_limit_s: 0.25, "
+      "drive_timeout_s: 1 }\n";
   const TempFolder folder;
   std::ofstream(folder / "cell.yaml") << text;
   const Cell cell = read_cell(folder / "cell.yaml");
@@ -240,28 +243,29 @@ const std::string kBand = "      in_position_mm: 0.03\n";
 
 INSTANTIATE_TEST_SUITE_P(
     Motion, CellMistake,
-    testing::Values(
-        Mistake{"JogFasterThanTheAxis", kBand, kBand + "      jog_speed_mm_s: 121\n", 1,
-                "axes[0].motion.jog_speed_mm_s"},
-        Mistake{"MoreFollowingErrorAtRest", "following_error_mm: 2 ",
-                "following_error_mm: 2\n      following_error_at_rest_mm: 3 ", 1,
-                "axes[0].motion.following_error_at_rest_mm"},
-        Mistake{"UnknownApproach", kBand, kBand + "      approach: sideways\n", 1, "axes[0].motion.approach"},
-        Mistake{"ApproachWithoutDistance", kBand, kBand + "      approach: from_below\n", -3,
-                "missing key 'approach_distance_mm'"},
-        Mistake{"ApproachLongerThanTheTravel", kBand,
-                kBand + "      approach: from_below\n      approach_distance_mm: 300\n", 2,
-                "axes[0].motion.approach_distance_mm: leaves no target"},
-        Mistake{"DistanceWithoutApproach", kBand, kBand + "      approach_distance_mm: 1\n", 1,
-                "axes[0].motion.approach_distance_mm"},
-        Mistake{"TogetherAlone", "    - axis: tilt\n", "    - together: [ { axis: tilt } ]\n", 0,
-                "homing.order[1].together"},
-        Mistake{"OffsetInTheWrongUnit", "    - axis: tilt\n", "    - { axis: tilt, offset_mm: 1 }\n", 0,
-                "homing.order[1].offset_mm"},
-        Mistake{"ImpatientSupervisor", "name: demo cell", "supervisor: { stall_limit_s: 0.01 }\nname: demo cell", 0,
-                "supervisor.stall_limit_s: must be longer than two periods"},
-        Mistake{"UnknownSupervisorKey", "name: demo cell", "supervisor: { speed: 1 }\nname: demo cell", 0,
-                "supervisor.speed"}),
+    testing::Values(Mistake{"JogFasterThanTheAxis", kBand, kBand + "      jog_speed_mm_s: 121\n", 1,
+                            "axes[0].motion.jog_speed_mm_s"},
+                    Mistake{"MoreFollowingErrorAtRest", "following_error_mm: 2 ",
+                            "following_error_mm: 2\n      following_error_at_rest_mm: 3 ", 1,
+                            "axes[0].motion.following_error_at_rest_mm"},
+                    Mistake{"UnknownApproach", kBand, kBand + "      approach: sideways\n", 1,
+                            "axes[0].motion.approach"},
+                    Mistake{"ApproachWithoutDistance", kBand, kBand + "      approach: from_below\n", -3,
+                            "missing key 'approach_distance_mm'"},
+                    Mistake{"ApproachLongerThanTheTravel", kBand,
+                            kBand + "      approach: from_below\n      approach_distance_mm: 300\n", 2,
+                            "axes[0].motion.approach_distance_mm: leaves no target"},
+                    Mistake{"DistanceWithoutApproach", kBand, kBand + "      approach_distance_mm: 1\n", 1,
+                            "axes[0].motion.approach_distance_mm"},
+                    Mistake{"TogetherAlone", "    - axis: tilt\n", "    - together: [ { axis: tilt } ]\n", 0,
+                            "homing.order[1].together"},
+                    Mistake{"OffsetInTheWrongUnit", "    - axis: tilt\n",
+                            "    - { axis: tilt, offset_mm: 1 }\n", 0, "homing.order[1].offset_mm"},
+                    Mistake{"ImpatientSupervisor", "name: demo cell",
+                            "supervisor: { stall_limit_s: 0.01 }\nname: demo cell", 0,
+                            "supervisor.stall_limit_s: must be longer than two periods"},
+                    Mistake{"UnknownSupervisorKey", "name: demo cell",
+                            "supervisor: { speed: 1 }\nname: demo cell", 0, "supervisor.speed"}),
     mistake_name);
 
 INSTANTIATE_TEST_SUITE_P(

@@ -367,8 +367,7 @@ TEST_F(MotionTest, RefusalsSayWhatToDo) {
   ASSERT_TRUE(motion_->enable());
   const auto moved = motion_->move_to(kTarget);
   ASSERT_FALSE(moved);
-  EXPECT_EQ(moved.error().message,
-            "move refused: linear is not homed; run gantry-cell home --axis linear");
+  EXPECT_EQ(moved.error().message, "move refused: linear is not homed; run gantry-cell home --axis linear");
   const auto jogged = motion_->jog_by(2, 1);
   ASSERT_FALSE(jogged);
   EXPECT_NE(jogged.error().message.find("home --axis tilt"), std::string::npos) << jogged.error().message;

@@ -57,8 +57,13 @@ class ThreadedMotion : public testing::Test {
       joint.name = name;
       joint.kind = JointKind::kPrismatic;
       chain.joints.push_back(joint);
-      StageDynamics stage{.travel_min = -5, .travel_max = 105, .max_speed = 400, .max_acceleration = 8000,
-                          .homing_speed = 400, .encoder_resolution = 0.001, .settling_time_s = 0.02};
+      StageDynamics stage{.travel_min = -5,
+                          .travel_max = 105,
+                          .max_speed = 400,
+                          .max_acceleration = 8000,
+                          .homing_speed = 400,
+                          .encoder_resolution = 0.001,
+                          .settling_time_s = 0.02};
       settings.stages.push_back(stage);
       AxisSettings axis;
       axis.name = name;

@@ -38,18 +38,20 @@ class Interleaving {
     }
   }
 
-  int errors = 0, moves = 0, homings = 0;  ///< How much happened: a test in which nothing does proves nothing.
+  int errors = 0, moves = 0,
+      homings = 0;  ///< How much happened: a test in which nothing does proves nothing.
 
  private:
   bool chance(double p) { return std::uniform_real_distribution<double>(0, 1)(random_) < p; }
-  double between(double low, double high) { return std::uniform_real_distribution<double>(low, high)(random_); }
+  double between(double low, double high) {
+    return std::uniform_real_distribution<double>(low, high)(random_);
+  }
   size_t axis() { return std::uniform_int_distribution<size_t>(0, MotionRig::kAxes - 1)(random_); }
 
   void command() {
     MotionRequest request;
     request.axes = std::uniform_int_distribution<AxisSet>(1, 7)(random_);
-    for (auto& move : request.moves)
-      move = {between(-60, 360), between(1, 200), between(100, 900)};
+    for (auto& move : request.moves) move = {between(-60, 360), between(1, 200), between(100, 900)};
     if (chance(0.5))
       for (auto& move : request.moves) move.target = between(0, 300);
     const AxisTrigger commands[] = {AxisTrigger::kEnable, AxisTrigger::kEnable, AxisTrigger::kHome,
@@ -154,7 +156,8 @@ class Interleaving {
       // Homed, never outside the soft limits by more than it takes to notice and to stop.
       if (truth.homed && !status.axes[i].pending) {
         const double notice_s = limits.following_error_time_s + 3 * kPeriod_s;
-        const double beyond = std::max(limits.lower - truth.encoder_position, truth.encoder_position - limits.upper);
+        const double beyond =
+            std::max(limits.lower - truth.encoder_position, truth.encoder_position - limits.upper);
         const double stray = disturbed_[i] ? 30 : limits.speed * notice_s + limits.braking_distance();
         EXPECT_LE(beyond, stray) << "axis " << i << " at " << truth.encoder_position;
         // Undisturbed not at all.

@@ -20,8 +20,7 @@ TEST(Supervisor, EveryKindOfTroubleOfOneAxisStopsAllInTheSameCycleAndSoon) {
   };
   const Trouble troubles[] = {
       {"silence", [](MotionRig& r, size_t i) { r.drives[i]->silent = true; }, AxisReason::kDriveFault, 0.02},
-      {"stuck",
-       [](MotionRig& r, size_t i) { r.world->stage(i).inject(StageFault::kStuck, r.clock.now_s()); },
+      {"stuck", [](MotionRig& r, size_t i) { r.world->stage(i).inject(StageFault::kStuck, r.clock.now_s()); },
        AxisReason::kFollowingError, 0.15},
       {"runaway",
        [](MotionRig& r, size_t i) { r.world->stage(i).inject(StageFault::kRunawayDown, r.clock.now_s()); },
@@ -49,7 +48,8 @@ TEST(Supervisor, EveryKindOfTroubleOfOneAxisStopsAllInTheSameCycleAndSoon) {
         if (i != culprit) {
           EXPECT_EQ(status.axes[i].error.reason, AxisReason::kOtherAxis);
         }
-      // Braking takes 0.12 s here; a runaway loses its torque 0.5 s after the halt, a silent drive halts by itself.
+      // Braking takes 0.12 s here; a runaway loses its torque 0.5 s after the halt, a silent drive halts by
+      // itself.
       rig.steps(60);
       EXPECT_TRUE(rig.at_rest());
     }

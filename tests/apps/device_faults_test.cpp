@@ -28,8 +28,8 @@ class Twin {
   explicit Twin(const std::filesystem::path& cell_path) : cell_(read_cell(cell_path)) {
     StrictYaml yaml = StrictYaml::load(cell_path);
     const SimulationSettings settings = read_simulation(yaml.map("simulation"), cell_.chain);
-    world_ = std::make_unique<SimulatedWorld>(cell_.chain, settings, read_mesh(settings.part), read_mesh(settings.holder),
-                                              1, clock_);
+    world_ = std::make_unique<SimulatedWorld>(cell_.chain, settings, read_mesh(settings.part),
+                                              read_mesh(settings.holder), 1, clock_);
     for (size_t i = 0; i < cell_.axes.size(); ++i) {
       const DriveSettings& drive = cell_.axes[i].drive;
       auto& server = drives[drive.port];
@@ -77,8 +77,8 @@ class DeviceFaults : public ::testing::Test {
   }
 
   std::vector<std::string> run_arguments(bool resume = false) {
-    std::vector<std::string> arguments = {"run",  "--cell", folder_ / "cell.yaml", "--plan", folder_ / "plan.yaml",
-                                          "--out", folder_ / "run"};
+    std::vector<std::string> arguments = {
+        "run", "--cell", folder_ / "cell.yaml", "--plan", folder_ / "plan.yaml", "--out", folder_ / "run"};
     if (resume) arguments.push_back("--resume");
     return arguments;
   }
@@ -124,7 +124,8 @@ TEST_F(DeviceFaults, CameraDiesBetweenTwoScansAndTheRunIsResumed) {
     EXPECT_EQ(after[i].captured_at, before[i].captured_at) << "a scan that was safe must not be taken again";
     EXPECT_EQ(after[i].frame_id, before[i].frame_id);
   }
-  for (const ScanRecord& scan : after) EXPECT_GT(read_scan(folder_ / ("run/" + scan.file)).scan.valid_count(), 1000u);
+  for (const ScanRecord& scan : after)
+    EXPECT_GT(read_scan(folder_ / ("run/" + scan.file)).scan.valid_count(), 1000u);
 }
 
 TEST_F(DeviceFaults, DriveAlarmInMotionStopsAllAxes) {

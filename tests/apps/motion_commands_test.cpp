@@ -51,7 +51,8 @@ TEST_F(MotionCommandsTest, OneAxisIsHomedAndMovedByHandTheOthersAreRefused) {
   EXPECT_NEAR(status()["axes"][0]["position"].get<double>(), 12.5, 0.05);
   const ProcessResult too_far = cell({"jog", "--axis", "linear", "--by", "400"});
   EXPECT_EQ(too_far.exit_code, 3);
-  EXPECT_NE(too_far.err.find("outside the soft limits 5.00 mm to 295.00 mm"), std::string::npos) << too_far.err;
+  EXPECT_NE(too_far.err.find("outside the soft limits 5.00 mm to 295.00 mm"), std::string::npos)
+      << too_far.err;
   const ProcessResult unhomed = cell({"jog", "--axis", "tilt", "--by", "1"});
   EXPECT_EQ(unhomed.exit_code, 3);
   EXPECT_NE(unhomed.err.find("run gantry-cell home --axis tilt"), std::string::npos) << unhomed.err;
@@ -146,7 +147,8 @@ double position_in(const std::string& text) {
 TEST_F(MotionCommandsTest, KeysMoveWhileTheyAreHeldAndNoLonger) {
   // In one process, where the axis may be jogged before homing; the same seed starts it at the same place.
   std::string text = simulated_cell_text();
-  text = replaced(text, "      speed_mm_s: 120\n", "      speed_mm_s: 120\n      unhomed_jog_speed_mm_s: 10\n");
+  text =
+      replaced(text, "      speed_mm_s: 120\n", "      speed_mm_s: 120\n      unhomed_jog_speed_mm_s: 10\n");
   write_text(folder_ / "cell.yaml", text);
   const std::vector<std::string> jog = {"jog", "--cell", folder_ / "cell.yaml", "--axis", "linear"};
   const ProcessResult here = cell({"jog", "--axis", "linear", "--by", "0.001"});

@@ -61,9 +61,7 @@ class AxisMachineTest : public testing::Test {
     ASSERT_FALSE(drive.calls.empty());
     EXPECT_EQ(drive.calls.back(), last_call);
   }
-  bool called(const char* call) const {
-    return std::count(drive.calls.begin(), drive.calls.end(), call) > 0;
-  }
+  bool called(const char* call) const { return std::count(drive.calls.begin(), drive.calls.end(), call) > 0; }
 
   VirtualClock clock;
   FakeDrive drive;
@@ -274,8 +272,8 @@ TEST_F(AxisMachineTest, WhatIsNoNumberIsRefused) {
   const double nan = std::nan(""), infinity = std::numeric_limits<double>::infinity();
   for (const double target : {nan, infinity, -infinity})
     EXPECT_EQ(machine.jog({target, 1, 1}, clock.now_s()), AxisRefusal::kSoftLimit);
-  for (const MoveCommand& command : {MoveCommand{1, nan, 1}, MoveCommand{1, 0, 1}, MoveCommand{1, -1, 1}, MoveCommand{1, 1, 0},
-                                     MoveCommand{1, infinity, 1}}) {
+  for (const MoveCommand& command : {MoveCommand{1, nan, 1}, MoveCommand{1, 0, 1}, MoveCommand{1, -1, 1},
+                                     MoveCommand{1, 1, 0}, MoveCommand{1, infinity, 1}}) {
     EXPECT_EQ(machine.move(command, clock.now_s()), AxisRefusal::kNotANumber);
     EXPECT_EQ(machine.jog(command, clock.now_s()), AxisRefusal::kNotANumber);
   }

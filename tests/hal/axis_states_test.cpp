@@ -71,7 +71,8 @@ class Rig {
     if (state == kHoming) machine.home(clock.now_s());
     if (state == kDiscreteMotion) machine.move({50, 10, 100}, clock.now_s());
     if (state == kStopping) machine.stop(clock.now_s());
-    if (state == kErrorStop) machine.abort({AxisReason::kOperator}, AxisMachine::Torque::kKeep, clock.now_s());
+    if (state == kErrorStop)
+      machine.abort({AxisReason::kOperator}, AxisMachine::Torque::kKeep, clock.now_s());
   }
 
   void step() {

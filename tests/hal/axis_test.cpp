@@ -167,7 +167,8 @@ TEST_F(AxisTest, TheTargetIsTheActualPositionAfterEveryEnable) {
   drive.calls.clear();
   ASSERT_TRUE(axis.enable());
   EXPECT_EQ(axis.status().target, 31.5);
-  EXPECT_EQ(drive.calls, (std::vector<std::string>{"halt", "servo on"})) << "what is left of a travel goes first";
+  EXPECT_EQ(drive.calls, (std::vector<std::string>{"halt", "servo on"}))
+      << "what is left of a travel goes first";
 }
 
 TEST_F(AxisTest, ArrivalNeedsTheDriveTheEncoderAndStandstill) {

@@ -56,7 +56,8 @@ class FakeDrive final : public Drive {
  private:
   Result<void> record(const std::string& call) {
     calls.push_back(call);
-    if (const auto found = faults.find(call); found != faults.end()) return tl::make_unexpected(found->second);
+    if (const auto found = faults.find(call); found != faults.end())
+      return tl::make_unexpected(found->second);
     return {};
   }
 

@@ -82,7 +82,8 @@ TEST_P(SwitchHoming, SearchesFastApproachesSlowlyAndFindsZeroFromAnywhere) {
 }
 
 INSTANTIATE_TEST_SUITE_P(All, SwitchHoming,
-                         testing::Combine(testing::Values(HomingMethod::kSwitch, HomingMethod::kSwitchAndIndex),
+                         testing::Combine(testing::Values(HomingMethod::kSwitch,
+                                                          HomingMethod::kSwitchAndIndex),
                                           testing::Values(-1, 1)));
 
 TEST(StageHoming, ADeadSwitchEndsAtTheLimitSwitchOrAtTheHardStop) {
@@ -228,7 +229,8 @@ TEST(StageFaults, ARunawayHeedsOnlyTheLossOfPower) {
     stage.set_servo(false, 200.4);
     EXPECT_NEAR(stage.observe(201).true_position, running.true_position, 1e-6);
     stage.set_servo(true, 202);
-    EXPECT_GT(way * (stage.observe(202.3).true_position - running.true_position), 10) << "the fault is still there";
+    EXPECT_GT(way * (stage.observe(202.3).true_position - running.true_position), 10)
+        << "the fault is still there";
     stage.clear(fault, 202.3);
     const double rest = stage.observe(205).true_position;
     EXPECT_EQ(stage.observe(206).true_position, rest);

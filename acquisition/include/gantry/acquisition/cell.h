@@ -52,7 +52,7 @@ struct Cell {
   Chain chain;
   std::vector<AxisSettings> axes;  ///< In the order of the chain.
   ScannerSettings scanner;
-  std::filesystem::path fixture;          ///< Mesh of the holder in the part frame; empty: none known.
+  std::filesystem::path fixture;  ///< Mesh of the holder in the part frame; empty: none known.
   HomingOrder homing_order;
   SupervisorSettings supervisor;
   double drive_timeout_s = 0;  ///< A drive stops when it hears nothing for so long; 0: not asked for.

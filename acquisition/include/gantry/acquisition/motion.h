@@ -23,7 +23,8 @@ struct Standstill {
   double duration_s = 0;
 };
 
-/// Asked before the first axis starts: may the axes go from `from` to `to`, on a straight line in joint space?
+/// Asked before the first axis starts: may the axes go from `from` to `to`, on a straight line in joint
+/// space?
 using PathCheck = std::function<Result<void>(std::span<const double> from, std::span<const double> to)>;
 
 struct MotionOptions {

@@ -12,7 +12,8 @@ namespace gantry {
 /// How punctual a loop was. Lateness is how long after its due time a cycle began.
 struct LoopStatistics {
   uint64_t cycles = 0;
-  uint64_t missed = 0;  ///< Cycles that did not take place, because one before took too long or began too late.
+  uint64_t missed =
+      0;  ///< Cycles that did not take place, because one before took too long or began too late.
   double late_p50_us = 0, late_p99_us = 0, late_max_us = 0;
   double busy_p50_us = 0, busy_p99_us = 0, busy_max_us = 0;  ///< Time that the cycle itself took.
 };

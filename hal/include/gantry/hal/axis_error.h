@@ -54,12 +54,12 @@ enum class AxisRefusal : uint8_t {
   kNone,
   kWrongState,
   kNotHomed,
-  kSoftLimit,            ///< Target outside the soft limits.
-  kOnLimitSwitch,        ///< Stands on a limit switch; only moves away from it are allowed.
-  kCannotMoveUnhomed,    ///< The drive cannot move before homing.
-  kNotANumber,           ///< Target, speed or acceleration is none, or not positive.
+  kSoftLimit,          ///< Target outside the soft limits.
+  kOnLimitSwitch,      ///< Stands on a limit switch; only moves away from it are allowed.
+  kCannotMoveUnhomed,  ///< The drive cannot move before homing.
+  kNotANumber,         ///< Target, speed or acceleration is none, or not positive.
   kQueueFull,
-  kSafety                ///< The safety chain does not permit motion.
+  kSafety  ///< The safety chain does not permit motion.
 };
 
 }  // namespace gantry

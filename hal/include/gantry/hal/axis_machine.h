@@ -16,7 +16,7 @@ struct AxisLimits {
   double acceleration = 0;  ///< Highest acceleration of any move.
   double in_position = 0;   ///< Band around the target that counts as arrived.
   double homing_timeout_s = 60;
-  double move_margin_s = 5;  ///< A move may take its ideal time plus this.
+  double move_margin_s = 5;      ///< A move may take its ideal time plus this.
   double jog_speed = 0;          ///< 0: a fifth of the speed.
   double unhomed_jog_speed = 0;  ///< 0: a fiftieth of the speed. Nothing is known of the limits then.
   double position_at_home = 0;   ///< Where the axis is when the drive reads zero.

@@ -16,9 +16,9 @@ enum class AxisState : uint8_t {
   kStopping,
   kErrorStop  ///< An error was seen; only a reset leaves this state.
 };
-inline constexpr AxisState kAxisStates[] = {AxisState::kDisabled,       AxisState::kStandstill,
-                                            AxisState::kHoming,         AxisState::kDiscreteMotion,
-                                            AxisState::kStopping,       AxisState::kErrorStop};
+inline constexpr AxisState kAxisStates[] = {AxisState::kDisabled, AxisState::kStandstill,
+                                            AxisState::kHoming,   AxisState::kDiscreteMotion,
+                                            AxisState::kStopping, AxisState::kErrorStop};
 
 /// What may change the state: commands, and what is then seen of the drive.
 enum class AxisTrigger : uint8_t {
@@ -34,9 +34,9 @@ enum class AxisTrigger : uint8_t {
   kCleared,  ///< The drive reports no alarm and no power, after reset.
   kFault     ///< Of this axis, of another axis, or of what watches over all.
 };
-inline constexpr AxisTrigger kAxisCommands[] = {AxisTrigger::kEnable, AxisTrigger::kDisable, AxisTrigger::kHome,
-                                                AxisTrigger::kMove,   AxisTrigger::kJog,     AxisTrigger::kStop,
-                                                AxisTrigger::kReset};
+inline constexpr AxisTrigger kAxisCommands[] = {
+    AxisTrigger::kEnable, AxisTrigger::kDisable, AxisTrigger::kHome, AxisTrigger::kMove,
+    AxisTrigger::kJog,    AxisTrigger::kStop,    AxisTrigger::kReset};
 
 struct AxisTransition {
   AxisState from;
@@ -83,7 +83,7 @@ constexpr bool is_powered(AxisState state) {
   return state != AxisState::kDisabled && state != AxisState::kErrorStop;
 }
 
-std::string_view to_string(AxisState state);    ///< "Disabled", ...
+std::string_view to_string(AxisState state);      ///< "Disabled", ...
 std::string_view to_string(AxisTrigger trigger);  ///< "enable", ..., "powered", ...
 
 /// The table as a Mermaid state diagram, as docs/motion.md shows it.

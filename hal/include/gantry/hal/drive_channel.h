@@ -30,7 +30,7 @@ struct DriveSnapshot {
   uint64_t executed = 0;
   uint64_t faults = 0;                          ///< Exchanges that failed, ever: a change is a new fault.
   FaultKind last_fault = FaultKind::kProtocol;  ///< Of the last one.
-  uint64_t stalls = 0;                          ///< How often the drive was halted because the loop stood still.
+  uint64_t stalls = 0;  ///< How often the drive was halted because the loop stood still.
 
   double age_s(double now_s) const { return now_s - status.sampled_at_s; }
 };

@@ -50,19 +50,19 @@ struct StageState {
   double velocity = 0;
   bool servo_on = false;
   bool homed = false;
-  bool moving = false;       ///< Includes settling.
-  bool in_position = false;  ///< The last commanded move has ended at its target.
+  bool moving = false;         ///< Includes settling.
+  bool in_position = false;    ///< The last commanded move has ended at its target.
   double following_error = 0;  ///< Commanded minus actual position.
   bool home_switch = false, lower_limit = false, upper_limit = false;
   HomingFailure homing_failure = HomingFailure::kNone;  ///< Of the last homing.
-  bool stopped_by_limit = false;  ///< A limit switch ended the last motion.
+  bool stopped_by_limit = false;                        ///< A limit switch ended the last motion.
 };
 
 /// Faults of the mechanics. Each stays until it is cleared; clearing repairs the mechanics, not what the
 /// drive has made of it.
 enum class StageFault {
-  kStuck,           ///< The carriage does not move; when released it goes where the command is by now.
-  kRunawayUp,       ///< Under power the carriage runs to the upper end, whatever is commanded.
+  kStuck,      ///< The carriage does not move; when released it goes where the command is by now.
+  kRunawayUp,  ///< Under power the carriage runs to the upper end, whatever is commanded.
   kRunawayDown,
   kDeadHomeSwitch,  ///< Never active.
   kLimitBounce      ///< Near the limit switches their readings are random (by seed and time).

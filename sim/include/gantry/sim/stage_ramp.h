@@ -8,7 +8,7 @@ namespace gantry {
 /// deceleration.
 struct StageRamp {
   double start = 0, end = 0, speed = 1, acceleration = 1, begin_s = 0;
-  double initial_speed = 0;  ///< Non-zero only for a pure deceleration (halt).
+  double initial_speed = 0;                                ///< Non-zero only for a pure deceleration (halt).
   double cut_s = std::numeric_limits<double>::infinity();  ///< It is left so long after its beginning.
 
   double duration_s() const;
