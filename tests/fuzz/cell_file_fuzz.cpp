@@ -76,7 +76,7 @@ int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
     const std::vector<double> zero(cell.axes.size());
     if (!cell.chain.uncertain_part_from_sensor(zero).mean.matrix().allFinite())
       throw std::logic_error("a chain that leads nowhere");
-    check_a_move(cell);
+    fuzz::check_a_move(cell);
     StrictYaml yaml = StrictYaml::load(path);
     if (yaml.has("simulation")) read_simulation(yaml.map("simulation"), cell.chain);
   });
