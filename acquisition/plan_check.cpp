@@ -31,7 +31,9 @@ std::string text(const Collision& collision, const Cell& cell) {
 }  // namespace
 
 std::vector<double> home_position(const Cell& cell) {
-  return std::vector<double>(cell.axes.size(), 0.0);
+  std::vector<double> q;
+  for (const AxisSettings& axis : cell.axes) q.push_back(axis.limits.position_at_home);
+  return q;
 }
 
 std::set<int> viewpoints_done(const Journal& journal) {

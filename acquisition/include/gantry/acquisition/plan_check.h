@@ -20,7 +20,7 @@ struct PlanCollision {
   Collision collision;
 };
 
-/// Where homing leaves the axes: every joint at zero.
+/// Where homing leaves the axes.
 std::vector<double> home_position(const Cell& cell);
 
 /// Indices of the viewpoints that have their scan, which a resumed run leaves out.
