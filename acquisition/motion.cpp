@@ -171,6 +171,12 @@ Result<void> Motion::watch_for(double duration_s) {
   return {};
 }
 
+void Motion::wait_for(double duration_s) {
+  const double end_s = clock_.now_s() + duration_s;
+  do turn();
+  while (clock_.now_s() < end_s);
+}
+
 Result<void> Motion::send(const MotionRequest& request) {
   uint64_t number = 0;
   while ((number = supervisor_.request(request)) == 0) turn();

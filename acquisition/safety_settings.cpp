@@ -1,5 +1,7 @@
 #include "gantry/acquisition/safety_settings.h"
 
+#include <algorithm>
+
 #include <cmath>
 
 namespace gantry {
@@ -41,6 +43,12 @@ SafetyInputSettings read_input(StrictYaml yaml) {
 }
 
 }  // namespace
+
+double CellSafety::settle_s() const {
+  double longest_s = 0;
+  for (const SafetyInputSettings& input : chain.inputs) longest_s = std::max(longest_s, input.release_s);
+  return longest_s + 4 * poll_s + module.response_timeout_s;
+}
 
 CellSafety read_safety(StrictYaml yaml) {
   CellSafety safety;

@@ -174,7 +174,7 @@ ExitCode run(const RunCommand& command) {
   publish_status(session, cell, devices, "gantry-cell run");
   device_step(devices.scanner->connect());
   progress.stage("homing");
-  device_step(power_up(motion));
+  device_step(power_up(cell, motion));
   device_step(motion.home(cell.homing_order));
 
   RunObserver observer;

@@ -19,7 +19,6 @@ namespace gantry {
 namespace {
 
 constexpr double kWatchInterval_s = 0.5;
-constexpr double kContactsSettle_s = 0.2;
 
 std::string names(const Cell& cell) {
   std::string text;
@@ -166,7 +165,8 @@ void publish_status(std::optional<CellSession>& session, const Cell& cell, const
     session->publish([&cell, &devices, command] { return status_json(cell, devices, command).dump(); });
 }
 
-Result<void> power_up(Motion& motion) {
+Result<void> power_up(const Cell& cell, Motion& motion) {
+  if (cell.safety) motion.wait_for(cell.safety->settle_s());
   if (motion.figures().stop != StopCategory::kNone)
     if (auto reset = motion.reset(); !reset) return reset;
   return motion.enable();
@@ -207,7 +207,7 @@ ExitCode MotionCommands::home() {
   for (const std::string& axis : axes_) require_axis(session.cell, axis);
   session.progress.stage("homing");
   session.require(session.connect("gantry-cell home"));
-  session.require(power_up(session.motion));
+  session.require(power_up(session.cell, session.motion));
   const HomingOrder order = only(session.cell.homing_order, axes_);
   session.require(session.motion.home(order));
   session.progress.clear();
@@ -225,7 +225,7 @@ ExitCode MotionCommands::jog() {
   require_axis(session.cell, axis_);
   const size_t axis = *session.motion.axis_named(axis_);
   session.require(session.connect("gantry-cell jog"));
-  session.require(power_up(session.motion));
+  session.require(power_up(session.cell, session.motion));
   const Axis& jogged = *session.motion.axes()[axis];
   if (by_)
     session.require(session.motion.jog_by(axis, in_axis_units(jogged, *by_)));
@@ -241,6 +241,7 @@ ExitCode MotionCommands::jog() {
 ExitCode MotionCommands::reset() {
   AxisSession session(cell_, "gantry-cell reset");
   (void)session.connect("gantry-cell reset");  // What is wrong is what there is to reset.
+  if (session.cell.safety) session.motion.wait_for(session.cell.safety->settle_s());
   const auto done = session.motion.reset();
   session.progress.clear();
   std::fputs(status_table(status_json(session.cell, session.devices, "gantry-cell reset")).c_str(), stdout);
@@ -275,8 +276,7 @@ ExitCode MotionCommands::status() {
       session.emplace(std::move(*opened));
     }
     if (const auto connected = devices.motion->connect(); !connected) fault = connected.error();
-    // Contacts count as closed once they have been so for a while.
-    if (devices.safety.channel && !fault) (void)devices.motion->watch_for(kContactsSettle_s);
+    if (cell.safety && !fault) devices.motion->wait_for(cell.safety->settle_s());
     show(status_json(cell, devices, "gantry-cell status"), json_, redraw, first);
   }
   if (fault) throw DeviceError(*fault);

@@ -23,7 +23,7 @@ void publish_status(std::optional<CellSession>& session, const Cell& cell, const
 
 /// Powers the axes at an operator's command, which is also the reset edge of a latched safety chain; that
 /// takes it only when every input is closed.
-Result<void> power_up(Motion& motion);
+Result<void> power_up(const Cell& cell, Motion& motion);
 
 /// `gantry-cell home | jog | status | reset`.
 class MotionCommands {

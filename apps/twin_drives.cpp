@@ -51,10 +51,10 @@ class Servers {
     for (auto& [key, server] : servers_) {
       server->start();
       if (const auto line = lines_.find(key); line != lines_.end()) {
-        spdlog::info("Modbus RTU drives on {} ({}), {} baud", line->second.link.string(), server->device(),
+        spdlog::info("Modbus RTU on {} ({}), {} baud", line->second.link.string(), server->device(),
                      line->second.baud);
       } else {
-        spdlog::info("Modbus TCP drives at {}, port {}", key, server->port());
+        spdlog::info("Modbus TCP at {}", key);
       }
       started.push_back(std::move(server));
     }

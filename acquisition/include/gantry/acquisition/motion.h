@@ -78,6 +78,8 @@ class Motion {
   void request_stop() { supervisor_.stop(false); }
   /// Lets the cell go on for so long, watching the axes.
   Result<void> watch_for(double duration_s);
+  /// The same whatever their state is: what the loop reads has that long to become known.
+  void wait_for(double duration_s);
   /// Samples the encoders once: readings made after the call began.
   Result<std::vector<double>> read_positions();
   /// Stops everything that moves and waits until it stands (3 s at most; axes that do not answer are not

@@ -21,6 +21,9 @@ struct CellSafety {
   SafetyModuleSettings module;
   SafetySettings chain;
   double poll_s = 0.02;  ///< How often the inputs are read.
+
+  /// So long after the first reading every input that is closed counts as released.
+  double settle_s() const;
 };
 
 /// Reads the section; the format is in docs/files.md. Throws InputError with file, line and key.
