@@ -38,7 +38,7 @@ Result<Bytes> ModbusBus::transact(int unit, const Request& request, double timeo
   if (code == modbus_pdu::kGatewayPathUnavailable || code == modbus_pdu::kGatewayTargetSilent)
     return fault(FaultKind::kUnreachable, {},
                  "the gateway reaches no unit " + std::to_string(unit) + " " + exception +
-                     "; is the drive powered and its unit in CELL.yaml right?");
+                     "; is the device powered and its unit in CELL.yaml right?");
   return fault(FaultKind::kRefused, {},
                "the device refused the " + modbus_pdu::describe(request.pdu) + " " + exception);
 }

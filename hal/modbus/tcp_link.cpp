@@ -67,7 +67,7 @@ Result<void> TcpLink::open(double deadline_s) {
   context_.reset();
   return link_fault(
       FaultKind::kUnreachable,
-      "no connection: " + reason + "; is the drive powered and the address in CELL.yaml right?");
+      "no connection: " + reason + "; is the device powered and the address in CELL.yaml right?");
 }
 
 Result<Bytes> TcpLink::exchange(int unit, const Request& request, double deadline_s) {

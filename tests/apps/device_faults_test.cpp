@@ -15,6 +15,7 @@
 #include "gantry/foundation/strict_yaml.h"
 #include "gantry/geometry/mesh_file.h"
 #include "gantry/geometry/scan_file.h"
+#include "gantry/sim/safety_contacts.h"
 #include "gantry/sim/twin/gige_vision_camera.h"
 #include "gantry/sim/twin/modbus_drives.h"
 #include "gantry/sim/world.h"
@@ -38,7 +39,15 @@ class Twin {
       if (drive.counts_per_axis_unit > 0) config.axis_units_per_count = 1 / drive.counts_per_axis_unit;
       server->add(config, world_->stage(i));
     }
-    for (auto& [port, server] : drives) server->start();
+    std::vector<SafetyDevice> devices;
+    for (const SafetyInputSettings& input : cell_.safety->chain.inputs)
+      devices.push_back({input.name, input.channels});
+    contacts = std::make_unique<SafetyContacts>(std::move(devices), clock_);
+    const SafetyModuleSettings& module = cell_.safety->module;
+    auto& server = drives[module.port];
+    if (!server) server = std::make_unique<ModbusDriveServer>(module.host, module.port, clock_);
+    server->add_io_module(module.unit, *contacts);
+    for (auto& [port, serving] : drives) serving->start();
     GigeVisionOptions options;
     options.address = cell_.scanner.address;
     options.width = world_->sensor().width;
@@ -57,9 +66,15 @@ class Twin {
       if (world_->stage(i).observe(clock_.now_s()).moving) return true;
     return false;
   }
+  bool anything_has_torque() {
+    for (size_t i = 0; i < world_->axis_count(); ++i)
+      if (world_->stage(i).observe(clock_.now_s()).servo_on) return true;
+    return false;
+  }
   SimulatedWorld& world() { return *world_; }
 
-  std::map<int, std::unique_ptr<ModbusDriveServer>> drives;
+  std::unique_ptr<SafetyContacts> contacts;
+  std::map<int, std::unique_ptr<ModbusDriveServer>> drives;  ///< And the I/O module, by port.
   std::unique_ptr<GigeVisionCamera> camera;
   std::atomic<int> frames{0};
 
@@ -151,6 +166,29 @@ TEST_F(DeviceFaults, DriveThatGoesAwayStopsTheOthers) {
   EXPECT_EQ(broken.exit_code, 3) << broken.out << broken.err;
   EXPECT_NE(broken.err.find("axis linear"), std::string::npos) << broken.err;
   EXPECT_NE(broken.err.find("127.0.0.1:15121"), std::string::npos) << broken.err;
+}
+
+TEST_F(DeviceFaults, TheEmergencyStopTakesTheTorqueAndTheRunGoesOnAfterItsRelease) {
+  Twin twin(folder_ / "cell.yaml");
+  const ProcessResult broken = run_while([&] {
+    wait_until([&] { return twin.frames >= 1; });
+    wait_until([&] { return twin.anything_moves(); });
+    twin.contacts->press("emergency stop");
+  });
+  EXPECT_EQ(broken.exit_code, 3) << broken.out << broken.err;
+  EXPECT_NE(broken.err.find("emergency stop is tripped"), std::string::npos) << broken.err;
+  EXPECT_FALSE(twin.anything_moves());
+  EXPECT_FALSE(twin.anything_has_torque());
+
+  const ProcessResult refused = run_program("gantry-cell", run_arguments(true), 60);
+  EXPECT_EQ(refused.exit_code, 3) << refused.out << refused.err;
+  EXPECT_NE(refused.err.find("emergency stop is tripped"), std::string::npos) << refused.err;
+  EXPECT_FALSE(twin.anything_has_torque());
+
+  twin.contacts->release("emergency stop");
+  const ProcessResult resumed = run_program("gantry-cell", run_arguments(true), 120);
+  EXPECT_TRUE(resumed.exit_code == 0 || resumed.exit_code == 4) << resumed.out << resumed.err;
+  EXPECT_EQ(Journal(folder_ / "run/journal.sqlite").scans().size(), 3u);
 }
 
 TEST_F(DeviceFaults, UnreachableDriveAndCameraAreNamed) {

@@ -37,7 +37,7 @@ class FourKinds : public testing::Test {
       config.profile = profile;
       config.unit = static_cast<int>(axes_.size()) + 1;
       config.counts_per_axis_unit = counts;
-      config.response_timeout_s = 0.5;
+      config.response_timeout_s = 1.0;
       axes_.push_back(std::make_unique<Axis>(make_modbus_drive(config, bus_, clock_), AxisKind::kLinear,
                                              kLimits, clock_));
     }
@@ -131,14 +131,13 @@ TEST_F(FourKinds, LostAndDamagedAnswersOfReadsAreNotNoticed) {
   server_.wire_faults().reseed(3);
   int failures = 0;
   for (const WireFault fault : {WireFault::kDropReply, WireFault::kCorruptReply, WireFault::kTruncateReply})
-    for (int i = 0; i < 3; ++i)
-      for (size_t axis = 0; axis < axes_.size(); ++axis) {
-        server_.wire_faults().plan(fault, static_cast<int>(axis) + 1);
-        failures += !axes_[axis]->update().has_value();
-      }
+    for (size_t axis = 0; axis < axes_.size(); ++axis) {
+      server_.wire_faults().plan(fault, static_cast<int>(axis) + 1);
+      failures += !axes_[axis]->update().has_value();
+    }
   server_.wire_faults().clear();
   EXPECT_EQ(failures, 0) << modbus_bus_statistics(*bus_).last_error;
-  EXPECT_GE(modbus_bus_statistics(*bus_).retries, 36);
+  EXPECT_GE(modbus_bus_statistics(*bus_).retries, 12);
 }
 
 }  // namespace

@@ -44,7 +44,7 @@ TEST(ModbusWire, NobodyListeningIsToldAtOnceAndClearly) {
               EXPECT_EQ(
                   connected.error().text(),
                   "axis linear (IAI ROBO Cylinder at 127.0.0.1:" + std::to_string(free_port) +
-                      " unit 2): no connection: Connection refused; is the drive powered and the address in "
+                      " unit 2): no connection: Connection refused; is the device powered and the address in "
                       "CELL.yaml right? [unreachable]");
             }),
             kSlack_s);
