@@ -105,7 +105,7 @@ std::string safety_words(const SafetyPermit& permit) {
   const SafetyVerdict now = permit.verdict();
   if (now.cause == SafetyCause::kResetNeeded && now.latched_by == SafetyCause::kStart)
     return "all inputs are closed; home, jog, run or reset is its reset";
-  return permit.why();
+  return now.motion_allowed ? "closed" : permit.why();
 }
 
 const char* stop_words(StopCategory stop) {
