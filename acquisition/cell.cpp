@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <numbers>
 #include <set>
 
@@ -107,6 +108,20 @@ void read_supervisor(StrictYaml yaml, Cell& cell) {
   yaml.finish();
 }
 
+std::chrono::sys_days read_date(StrictYaml& yaml, const std::string& key) {
+  const std::string text = yaml.text(key);
+  int year = 0;
+  unsigned month = 0, day = 0;
+  int read = 0;
+  const bool shaped = text.size() == 10 &&
+                      std::sscanf(text.c_str(), "%4d-%2u-%2u%n", &year, &month, &day, &read) == 3 &&
+                      read == 10;
+  const std::chrono::year_month_day date{std::chrono::year(year), std::chrono::month(month),
+                                         std::chrono::day(day)};
+  if (!shaped || !date.ok()) yaml.fail(key, "'" + text + "' is no date; expected one like 2026-01-31");
+  return date;
+}
+
 }  // namespace
 
 double AxisSettings::lowest_target() const {
@@ -123,6 +138,7 @@ Cell read_cell(const std::filesystem::path& path) {
   cell.file = path;
   cell.name = yaml.text("name");
   cell.calibration_id = yaml.text("calibration_id");
+  if (yaml.has("calibrated_on")) cell.calibrated_on = read_date(yaml, "calibrated_on");
 
   cell.buses = read_buses(yaml);
   std::set<std::string> names;

@@ -3,6 +3,7 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
+#include <chrono>
 #include <cstdio>
 #include <exception>
 #include <fstream>
@@ -94,6 +95,19 @@ class FusionThread {
   std::thread thread_;
 };
 
+/// "stage-2026-01, of 2026-01-15, 312 days ago".
+std::string calibration_text(const Cell& cell) {
+  if (!cell.calibrated_on) return cell.calibration_id + "; when it was made is not known";
+  const std::chrono::year_month_day date(*cell.calibrated_on);
+  const auto today = std::chrono::floor<std::chrono::days>(std::chrono::system_clock::now());
+  const long age_days = (today - *cell.calibrated_on).count();
+  char text[64];
+  std::snprintf(text, sizeof text, ", of %04d-%02u-%02u, ", static_cast<int>(date.year()),
+                static_cast<unsigned>(date.month()), static_cast<unsigned>(date.day()));
+  return cell.calibration_id + text +
+         (age_days < 0 ? "which is still to come" : std::to_string(age_days) + " days ago");
+}
+
 Traceability traceability(const RunCommand& command, const Cell& cell, const Plan& plan,
                           const CellDevices& devices, const FusionResult& fused) {
   Traceability trace;
@@ -107,7 +121,7 @@ Traceability traceability(const RunCommand& command, const Cell& cell, const Pla
   trace.entries.emplace_back("Cell", cell.name + " (" + with_hash(command.cell) + ")");
   trace.entries.emplace_back("Plan", plan.name + " (" + with_hash(command.plan) + ")");
   trace.entries.emplace_back("CAD model", with_hash(*command.reference));
-  trace.entries.emplace_back("Calibration", cell.calibration_id);
+  trace.entries.emplace_back("Calibration", calibration_text(cell));
   trace.entries.emplace_back("Scanner", devices.scanner->info().text());
   for (const auto& axis : devices.motion->axes()) trace.entries.emplace_back("Drive", axis->info().text());
   std::snprintf(text, sizeof text,

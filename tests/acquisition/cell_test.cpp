@@ -25,6 +25,7 @@ TEST(Cell, TheShippedCellsLoad) {
     }
     EXPECT_EQ(cell.homing_order.size(), 3u);
     EXPECT_FALSE(cell.calibration_id.empty());
+    EXPECT_EQ(cell.calibrated_on, std::chrono::sys_days(std::chrono::year(2026) / 1 / 15));
     EXPECT_TRUE(std::filesystem::exists(cell.fixture)) << cell.fixture;
   }
   EXPECT_EQ(read_cell(kCells / "twin.yaml").scanner.kind, "genicam3d");
@@ -190,7 +191,7 @@ const std::string kTiltDrive = kDrive + "\n# Safe order";
 INSTANTIATE_TEST_SUITE_P(
     Axes, CellMistake,
     testing::Values(
-        Mistake{"NoAxes", "axes:\n", "axles:\n", -4, "missing key 'axes'"},
+        Mistake{"NoAxes", "axes:\n", "axles:\n", -5, "missing key 'axes'"},
         Mistake{"TwoOfOneName", "- name: rotation", "- name: linear", 0,
                 "axes[1].name: two axes are called 'linear'"},
         Mistake{"InvertedLimits", "soft_limits_mm: [5, 295]", "soft_limits_mm: [295, 5]", 0,
@@ -283,6 +284,10 @@ INSTANTIATE_TEST_SUITE_P(
                     Mistake{"UnknownKey", "name: demo cell", "colour: red\nname: demo cell", 0, "colour"},
                     Mistake{"NoCalibration", "calibration_id: nominal-2026-01", "#", -1,
                             "missing key 'calibration_id'"},
+                    Mistake{"NoDate", "calibrated_on: 2026-01-15", "calibrated_on: 15.1.2026", 0,
+                            "calibrated_on: '15.1.2026' is no date"},
+                    Mistake{"NoDayOfItsMonth", "calibrated_on: 2026-01-15", "calibrated_on: 2026-02-30", 0,
+                            "calibrated_on: '2026-02-30' is no date"},
                     Mistake{"NegativeSigma", "position_sigma_mm: 0.08", "position_sigma_mm: -1", 0,
                             "sensor.position_sigma_mm"},
                     Mistake{"KeyTwice", "name: demo cell", "name: a\nname: b", 1, "name"}),

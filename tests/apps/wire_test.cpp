@@ -47,6 +47,8 @@ TEST(OnTheWire, GoodPartPassesWithoutASingleDefect) {
   EXPECT_GT(report.at("coverage").get<double>(), 0.9);
   EXPECT_GT(report.at("point_classes").at("fixture").get<int>(), 1000) << "the holder is seen, and known as fixture";
   EXPECT_TRUE(report.at("simulated").get<bool>());
+  const std::string calibration = report.at("traceability").at("Calibration");
+  EXPECT_EQ(calibration.rfind("nominal-2026-01, of 2026-01-15, ", 0), 0u) << calibration;
 }
 
 TEST(OnTheWire, SeededDefectsAreFoundAtTheirPlaceAndDepthAndNoOthers) {

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <chrono>
 #include <filesystem>
 #include <memory>
 #include <optional>
@@ -47,6 +48,7 @@ struct ScannerSettings {
 struct Cell {
   std::string name;
   std::string calibration_id;  ///< Recorded with every scan.
+  std::optional<std::chrono::sys_days> calibrated_on;
   std::filesystem::path file;
   std::vector<BusSettings> buses;  ///< That drives name.
   Chain chain;
