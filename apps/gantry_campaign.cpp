@@ -65,13 +65,7 @@ ExitCode replay(const Command& command, const CampaignCell& setup) {
     if (played.violation) json["violation"] = to_json(*played.violation);
     std::printf("%s\n", json.dump(2).c_str());
   } else {
-    for (size_t k = 0; k < schedule.entries.size(); ++k) {
-      const PlayedFault& fault = played.faults[k];
-      std::printf("  %-36s %s\n", schedule.entries[k].text().c_str(),
-                  !fault.played            ? "not reached"
-                  : fault.reaction.empty() ? "the run went on"
-                                           : fault.reaction.c_str());
-    }
+    for (const std::string& line : played.story) std::printf("%s\n", line.c_str());
     std::printf("%d scans in %.1f simulated s, %d attempts: %s\n", played.scans, played.simulated_s,
                 played.attempts,
                 played.violation ? described(*played.violation).c_str() : "every invariant held");

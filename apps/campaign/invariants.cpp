@@ -96,7 +96,8 @@ void Invariants::check_axis(size_t i, const StageState& stage, AxisState state, 
   axis.homed = stage.homed;
 
   // Un-homed nothing moves but homing, and what that needs to stop.
-  if (state == AxisState::kHoming) axis.may_home_until_s = now_s + stop_deadline_s(i);
+  const bool unheard = now_s <= axis.unreachable_until_s && now_s <= axis.may_home_until_s;
+  if (state == AxisState::kHoming || unheard) axis.may_home_until_s = now_s + stop_deadline_s(i);
   const bool let_go = now_s <= axis.disturbed_until_s;
   if (moves && !stage.homed && now_s > axis.may_home_until_s && !let_go)
     fail("homed", now_s, format(i, position) + " moves without being homed or homing");

@@ -3,7 +3,7 @@
 #include <unistd.h>
 
 #include <atomic>
-#include <cmath>
+#include <cstdio>
 
 #include "gantry/acquisition/run.h"
 #include "motion_commands.h"
@@ -12,6 +12,8 @@ namespace gantry {
 namespace {
 
 constexpr double kGiveUp_s = 3600;
+/// Thrown out of a wait of the controller that does not end.
+struct Endless {};
 /// After the last fault: contacts settle, drives that stopped by themselves stand.
 constexpr double kSettled_s = 3.0;
 /// A person looks at the message, mends and types.
@@ -102,6 +104,9 @@ class Play {
     begun_.resize(schedule.entries.size());
     player_.on_change([this](size_t entry, FaultPlayer::Phase phase, double now_s) {
       changed_s_ = now_s;
+      const FaultEntry& fault = player_.schedule().entries[entry];
+      const bool once = fault.mode == FaultMode::kSlip;
+      tell(fault.text() + (once ? "" : phase == FaultPlayer::Phase::kBegin ? " begins" : " ends"));
       if (phase == FaultPlayer::Phase::kBegin) {
         result_.faults[entry].played = true;
         begun_[entry] = now_s;
@@ -116,15 +121,17 @@ class Play {
 
   PlayResult run() {
     rig_.start_controller();
+    tell("the run begins");
     bool done = false;
     while (!done && !invariants_.violation()) {
       const double now_s = rig_.clock().now_s();
       // Nothing is wrong any more, and what waits for an event may still come.
       const bool mended = !player_.any_active() && now_s > changed_s_ + kSettled_s;
       const double mended_s = changed_s_;
-      const auto outcome = attempt();
+      const auto outcome = guarded_attempt();
       done = outcome.has_value();
       if (done || invariants_.violation()) break;
+      tell("attempt " + std::to_string(result_.attempts) + " failed: " + outcome.error().text());
       note_reaction(outcome.error());
       if (mended && changed_s_ == mended_s)
         invariants_.fail("recovery", rig_.clock().now_s(), "with nothing wrong: " + outcome.error().text());
@@ -147,12 +154,28 @@ class Play {
   void step(double now_s) {
     player_.advance(now_s);
     invariants_.check(now_s);
+    if (now_s > 2 * kGiveUp_s) throw Endless();
     if (invariants_.started_moving()) player_.notify(FaultEvent::kMotion, now_s);
+  }
+
+  void tell(const std::string& what) {
+    char time[32];
+    std::snprintf(time, sizeof time, "%8.2f s  ", rig_.clock().now_s());
+    result_.story.push_back(time + what);
   }
 
   void idle(double duration_s) {
     const double end_s = rig_.clock().now_s() + duration_s;
     while (rig_.clock().now_s() < end_s && !invariants_.violation()) (void)rig_.motion()->watch_for(0);
+  }
+
+  Result<void> guarded_attempt() {
+    try {
+      return attempt();
+    } catch (const Endless&) {
+      invariants_.fail("progress", rig_.clock().now_s(), "a command of the controller does not end");
+      return fault(FaultKind::kTimeout, "cell", "endless");
+    }
   }
 
   // Every second one as after a new start of the program; the first time the program is new anyway.

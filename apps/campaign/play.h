@@ -18,6 +18,7 @@ struct PlayedFault {
 struct PlayResult {
   std::optional<Violation> violation;
   std::vector<PlayedFault> faults;  ///< One for each entry.
+  std::vector<std::string> story;  ///< What happened, a line each: "12.30 s  axis tilt: stuck begins".
   double simulated_s = 0;
   int attempts = 0;  ///< Resets, homings and resumed runs until the plan was done.
   int scans = 0;
