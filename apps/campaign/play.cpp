@@ -188,8 +188,10 @@ class Play {
     Motion& motion = *rig_.motion();
     motion.cancel_when([this] { return invariants_.violation().has_value(); });
     if (!connected_) {
-      if (auto connected = motion.connect(); !connected) return connected;
-      connected_ = true;
+      // As `gantry-cell reset` does: an alarm that is found on connecting is what the reset is for.
+      const auto connected = motion.connect();
+      if (!connected && result_.attempts == 1) return connected;
+      connected_ = connected.has_value();
     }
     if (auto connected = rig_.scanner().connect(); !connected) return connected;
     idle(0.2);  // As the commands do: the contacts are read closed for long enough.
