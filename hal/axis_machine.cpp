@@ -181,7 +181,11 @@ void AxisMachine::fail(const AxisError& error, Torque torque, double now_s) {
 }
 
 void AxisMachine::abort(const AxisError& error, Torque torque, double now_s) {
-  if (state_ == AxisState::kDisabled && pending_ == Pending::kNone) return;
+  if (state_ == AxisState::kDisabled && pending_ == Pending::kNone) {
+    // Powered by somebody else: a program that ended before, a person at the drive.
+    if (torque != Torque::kKeep && snapshot_.status.servo_on) post(DriveAction::kServoOff, now_s);
+    return;
+  }
   if (state_ != AxisState::kErrorStop) return fail(error, torque, now_s);
   if (!snapshot_.status.servo_on) return;
   if (torque == Torque::kOffAtOnce) post(DriveAction::kServoOff, now_s);

@@ -124,15 +124,29 @@ void SimulatedStage::stop_at_limits(double now_s) {
 
 // ---- Commands ---------------------------------------------------------------------------------
 
+// The brake holds the carriage where it is.
+void SimulatedStage::drop_torque(double now_s) {
+  if (!servo_on_) return;
+  const double here = actual(now_s);
+  runaway_ramp_.reset();
+  stand(here, now_s);
+  servo_on_ = false;
+}
+
+void SimulatedStage::lose_power(double now_s) {
+  std::lock_guard lock(mutex_);
+  advance(now_s);
+  drop_torque(now_s);
+  if (dynamics_.homing == HomingMethod::kStored || !homed_) return;
+  homed_ = false;
+  const double travel = dynamics_.travel_max - dynamics_.travel_min;
+  power_on_offset_ = std::uniform_real_distribution<double>(-0.4, 0.4)(random_) * travel;
+}
+
 void SimulatedStage::set_servo(bool on, double now_s) {
   std::lock_guard lock(mutex_);
   advance(now_s);
-  if (!on && servo_on_) {
-    // Without power the brake holds the carriage where it is.
-    const double here = actual(now_s);
-    runaway_ramp_.reset();
-    stand(here, now_s);
-  }
+  if (!on) drop_torque(now_s);
   const bool powered_now = on && !servo_on_;
   servo_on_ = on;
   if (powered_now && stuck_) stand(stuck_at_, now_s);

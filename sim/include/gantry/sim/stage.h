@@ -85,6 +85,8 @@ class SimulatedStage {
   bool start_move(double target, double speed, double acceleration, double now_s);
   /// Decelerates to standstill.
   void halt(double now_s);
+  /// No supply: no torque, and an encoder that counts from somewhere else afterwards.
+  void lose_power(double now_s);
   /// Halts by itself at `until_s` unless called again before: a drive's communication time-out.
   /// Infinity: no more.
   void halt_unless_kept_alive(double until_s, double now_s);
@@ -99,6 +101,7 @@ class SimulatedStage {
 
  private:
   void advance(double now_s);
+  void drop_torque(double now_s);
   void keep_play(double now_s);
   void replace_ramp(const StageRamp& ramp, double now_s);
   void begin_ramp(double target, double speed, double acceleration, double now_s);
