@@ -24,6 +24,8 @@ Result<Capture> capture_with_repeats(Scanner& scanner, const Viewpoint& view, Jo
   settings.exposure_s = view.exposure_s;
   for (int attempt = 1;; ++attempt) {
     auto capture = scanner.capture(settings);
+    if (capture && capture->scan.valid_count() == 0)
+      capture = fault(FaultKind::kDataLoss, scanner.info().text(), "the scan holds not a single point");
     if (capture || capture.error().kind != FaultKind::kDataLoss || attempt == kCaptureAttempts)
       return capture;
     journal.add_event("capture repeated", "viewpoint " + view.name + ": " + capture.error().text());

@@ -106,10 +106,16 @@ CellDevices make_devices(const Cell& cell, const std::optional<std::filesystem::
     const auto bus = buses.find(key);
     devices.safety = make_safety_devices(*cell.safety, bus == buses.end() ? nullptr : bus->second, clock);
     const size_t number = bus == buses.end() ? 2 * cell.axes.size() : bus_numbers.at(key);
-    options.services.push_back({number, polled(devices.safety.channel, cell.safety->poll_s, clock)});
+    auto service = polled(devices.safety.channel, cell.safety->poll_s, clock);
+    if (!threads)  // Whoever only looks judges the chain, and must not stop anything by it.
+      service = [service, permit = devices.safety.permit.get(), &clock] {
+        service();
+        permit->required_stop(clock.now_s(), false);
+      };
+    options.services.push_back({number, std::move(service)});
   }
-  devices.motion =
-      std::make_unique<Motion>(std::move(axes), cell.axes, options, clock, devices.safety.permit.get());
+  devices.motion = std::make_unique<Motion>(std::move(axes), cell.axes, options, clock,
+                                            threads ? devices.safety.permit.get() : nullptr);
   devices.axes_in_process = buses.empty();
   if (cell.scanner.kind == "simulated") {
     devices.scanner = make_simulated_scanner(*devices.world);

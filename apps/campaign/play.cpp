@@ -197,7 +197,7 @@ class Play {
     idle(0.2);  // As the commands do: the contacts are read closed for long enough.
     if (result_.attempts > 1)
       if (auto reset = motion.reset(); !reset) return reset;
-    if (auto powered = power_up(motion); !powered) return powered;
+    if (auto powered = power_up(setup_.cell, motion); !powered) return powered;
     if (auto homed = motion.home(setup_.cell.homing_order); !homed) return homed;
     RunObserver observer;
     observer.scan = [](const TaggedScan&) {};

@@ -4,8 +4,10 @@
 
 #include <cstring>
 #include <functional>
+#include <limits>
 #include <map>
 #include <numbers>
+#include <set>
 
 #include "acquisition/edited_file.h"
 #include "gantry/geometry/scan_file.h"
@@ -44,10 +46,14 @@ class ScriptedScanner final : public Scanner {
     const auto fault = faults.find(++captures);
     if (fault != faults.end()) return gantry::fault(fault->second, "scanner", "as the test wants");
     before_capture(captures);
-    return inner_->capture(settings);
+    auto capture = inner_->capture(settings);
+    if (blind.contains(captures))
+      for (auto& point : capture->scan.points) point.setConstant(std::numeric_limits<float>::quiet_NaN());
+    return capture;
   }
 
   std::map<int, FaultKind> faults;
+  std::set<int> blind;  ///< Captures without a single point.
   std::function<void(int)> before_capture = [](int) {};
   int captures = 0;
 
@@ -213,6 +219,24 @@ TEST(Run, AnIncompleteScanIsRepeatedTwiceAndThenAFault) {
       EXPECT_EQ(folder.journal().scans().size(), 1u);
     }
   }
+}
+
+TEST(Run, AScanWithoutAPointIsNoneAndLeavesARunThatCanBeResumed) {
+  const TempFolder temp;
+  {
+    RunFolder folder(temp / "run", kFacts, false);
+    Session session;
+    session.scanner->blind = {2, 3, 4};
+    const auto done = session.run(folder);
+    ASSERT_FALSE(done);
+    EXPECT_EQ(done.error().kind, FaultKind::kDataLoss);
+    EXPECT_NE(done.error().text().find("not a single point"), std::string::npos) << done.error().text();
+    EXPECT_EQ(folder.journal().scans().size(), 1u);
+  }
+  RunFolder folder(temp / "run", kFacts, true);
+  Session session;
+  ASSERT_TRUE(session.run(folder));
+  EXPECT_EQ(folder.journal().scans().size(), 3u);
 }
 
 TEST(Run, AStageThatMovesDuringTheExposureSpoilsTheScan) {
