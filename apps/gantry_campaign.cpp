@@ -17,7 +17,7 @@ using namespace gantry;
 
 struct Command {
   CampaignOptions options;
-  std::filesystem::path cell = GANTRY_EXAMPLES "/cells/simulated.yaml";
+  std::filesystem::path cell = "examples/cells/simulated.yaml";
   std::filesystem::path out = ".";
   std::filesystem::path replay;
   bool json = false;
